@@ -24,14 +24,12 @@ def quietly(*arguments, **options):
         return twist(*arguments, scalar_first=False, **options)
 
 
-@pytest.mark.parametrize(
-    ("seed", "order", "axis_frame"), [(0, 2, "body"), (1, 4, "body"), (2, 2, "space"), (3, 4, "space")]
-)
+@pytest.mark.parametrize(("seed", "order", "axis_frame"), [(0, 2, "body"), (3, 4, "space")])
 def test_after_each_sample_it_is_the_twist_of_the_samples_so_far_bit_for_bit(seed, order, axis_frame):
     """Also after a start from rest."""
     how = {"axis": np.random.default_rng(seed).normal(size=3), "order": order, "axis_frame": axis_frame}
-    rest = 1e-9 * np.random.default_rng(1).normal(size=(20, 4)) + raw(2)[0]
-    for q, moving in ((raw(seed, 40), 3), (np.concatenate([rest, raw(2, 10)[1:]]), 99)):
+    rest = 1e-9 * np.random.default_rng(1).normal(size=(9, 4)) + raw(2)[0]
+    for q, moving in ((raw(seed, 25), 3), (np.concatenate([rest, raw(2, 10)[1:]]), 99)):
         whole, counter = quietly(q, **how), TwistCounter(**how, scalar_first=False)
         for k, x in enumerate(q):
             count = counter.update(x)
@@ -54,7 +52,7 @@ def test_turns_between_wide_steps_count_as_in_twist():
 
 
 @pytest.mark.parametrize("order", [2, 4])
-@pytest.mark.parametrize("size", [1e-104, 1e-160, 1e-300])
+@pytest.mark.parametrize("size", [1e-104, 1e-300])
 def test_an_axis_that_moves_by_next_to_nothing_counts_as_in_twist(size, order):
     q = np.concatenate([size * np.random.default_rng(0).standard_normal((60, 2)), np.tile([0.6, 0.8], (60, 1))], axis=1)
     counter = TwistCounter(order=order, scalar_first=False)
@@ -91,7 +89,6 @@ def test_many_streams_are_as_one_each(order):
 
 FORMS = {
     "four numbers": lambda r: tuple(r.as_quat().tolist()),
-    "a list": lambda r: r.as_quat().tolist(),
     "an array": lambda r: r.as_quat(),
     "of single precision": lambda r: r.as_quat().astype(np.float32),
     "a Rotation": lambda r: r,

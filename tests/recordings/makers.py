@@ -260,7 +260,7 @@ def c3d(path, labels=("pelvis_4X4", "r_larm_4X4")):
 START = 1_700_000_000  # s since 1970
 
 
-def ros_message(store, version, kind, k, frames=("map", "base"), attitudes=Q):
+def ros_message(store, version, kind, k, attitudes):
     """Return the k-th message of a type, and its time in ns."""
     types = store.types
     make = {name: types[f"geometry_msgs/msg/{name}"] for name in ("Quaternion", "Vector3", "Point")}
@@ -268,7 +268,7 @@ def ros_message(store, version, kind, k, frames=("map", "base"), attitudes=Q):
     header = types["std_msgs/msg/Header"](
         **({"seq": k} if version == 1 else {}),
         stamp=types["builtin_interfaces/msg/Time"](stamp // 10**9, stamp % 10**9),
-        frame_id=frames[0],
+        frame_id="map",
     )
     turned, zero, nine = make["Quaternion"](*attitudes[k].tolist()), make["Vector3"](0.0, 0.0, 0.0), np.zeros(9)
     rate, up = (make["Vector3"](*np.round(x[k], 12).tolist()) for x in (GYR, ACC))
@@ -282,10 +282,10 @@ def ros_message(store, version, kind, k, frames=("map", "base"), attitudes=Q):
             types["geometry_msgs/msg/Twist"](zero, rate), np.zeros(36)
         )
         return types[kind](
-            header, frames[1], types["geometry_msgs/msg/PoseWithCovariance"](pose, np.zeros(36)), moving
+            header, "base", types["geometry_msgs/msg/PoseWithCovariance"](pose, np.zeros(36)), moving
         ), stamp
     transform = types["geometry_msgs/msg/Transform"](zero, turned)
-    one = types["geometry_msgs/msg/TransformStamped"](header, frames[1], transform)
+    one = types["geometry_msgs/msg/TransformStamped"](header, "base", transform)
     return types["tf2_msgs/msg/TFMessage"]([one]), stamp
 
 
@@ -293,8 +293,8 @@ TOPICS = [("/imu", "sensor_msgs/msg/Imu"), ("/pose", "geometry_msgs/msg/PoseStam
 TOPICS += [("/odometry", "nav_msgs/msg/Odometry"), ("/tf", "tf2_msgs/msg/TFMessage")]
 
 
-def ros(path, version, storage="SQLITE3", topics=TOPICS, write=None):
-    """A bag of version 1, or the folder of one of version 2; `write(writer, store)` writes other messages."""
+def ros(path, version, storage="SQLITE3", topics=TOPICS, attitudes=Q):
+    """A bag of version 1, or the folder of one of version 2."""
     from rosbags import rosbag1, rosbag2
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
@@ -303,19 +303,12 @@ def ros(path, version, storage="SQLITE3", topics=TOPICS, write=None):
         store.register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms", "tf2_msgs/msg/TFMessage"))
     plugin = {} if version == 1 else {"version": 8, "storage_plugin": rosbag2.StoragePlugin[storage]}
     with (rosbag1 if version == 1 else rosbag2).Writer(path, **plugin) as writer:
-        if write is not None:
-            write(writer, store)
-            return
         opened = [(writer.add_connection(topic, kind, typestore=store), kind) for topic, kind in topics]
         for k in range(N):
             for connection, kind in opened:
-                message, stamp = ros_message(store, version, kind, k)
-                ros_write(writer, store, version, connection, message, stamp + 5)
-
-
-def ros_write(writer, store, version, connection, message, stamp):
-    pack = store.serialize_ros1 if version == 1 else store.serialize_cdr
-    writer.write(connection, stamp, pack(message, connection.msgtype))
+                message, stamp = ros_message(store, version, kind, k, attitudes)
+                pack = store.serialize_ros1 if version == 1 else store.serialize_cdr
+                writer.write(connection, stamp + 5, pack(message, kind))
 
 
 SCLK = """KPL/SCLK
@@ -382,7 +375,8 @@ class Made:
 
     `within` is the precision of its attitudes, rad, or of its rates, rad/s. `exact`: what is read passes through no
     function of a library whose last bits differ between machines (sines, singular values). `inner` is what is read
-    instead of the file: another one in its folder. `truth` and `times` are None where they are not known.
+    instead of the file: another one in its folder. `says` is a pattern of what is said. `truth` and `times` are None
+    where they are not known.
     """
 
     content: str | Callable[[Path], None]
@@ -394,6 +388,7 @@ class Made:
     exact: bool
     encoding: str
     inner: str
+    says: str
 
     def write(self, folder):
         """Write it into a folder and return the path to read."""
@@ -405,11 +400,13 @@ class Made:
         return folder / (self.inner or self.file)
 
 
-def made(content, file="a.csv", truth=R, times=T, within=5e-10, exact=True, encoding="utf-8", inner="", **options):
+def made(
+    content, file="a.csv", truth=R, times=T, within=5e-10, exact=True, encoding="utf-8", inner="", says="", **options
+):
     """Return a recording; columns are a table in CSV, with their time before them."""
     if isinstance(content, dict):
         content = text({"time": T, **content})
-    return Made(content, file, options, truth, times, within, exact, encoding, inner)
+    return Made(content, file, options, truth, times, within, exact, encoding, inner, says)
 
 
 # the library that writes and reads a format, by its suffix; folders are bags

@@ -401,19 +401,6 @@ def test_the_command_aligns_clocks_by_shakes(facts):
     assert float(told[2]) == pytest.approx(-300, abs=15)
 
 
-def test_the_command_with_two_files(facts):
-    trial = recordings(20, (100, 61.7), late=10.0)
-    one, other = written("fore.csv", trial.fore, trial.t), written("upper.csv", trial.arm, trial.s)
-    as_they_are = "clock of relative_to: times as they are, by which it begins 10 s after the other (correlation "
-    assert facts(one, "--relative-to", other)["alignment"].startswith(as_they_are)
-    found = facts(one, "--relative-to", other, "--clocks", "shift")
-    told = re.search(r"shifted by (\S+) s \(correlation of the angular speeds (\S+)\)", found["alignment"])
-    assert float(told[1]) == pytest.approx(-9.7, abs=1e-3)
-    assert float(told[2]) > 0.95
-    assert found["relative_to"].startswith(f"{other}: orientation: quaternion qw, qx, qy, qz; time: column 'time'")
-    assert trial.off(open_run("o.nc")) < 0.02
-
-
 @pytest.mark.parametrize(("first", "late"), [(1234.5, 0.0), (0.0, 0.5), (0.0, 0.004)])
 def test_times_on_one_axis_are_taken_as_they_are(command, facts, first, late):
     """Of two files, also where the joint moves as much as the arm, and the speeds match better by another shift."""
@@ -426,7 +413,11 @@ def test_times_on_one_axis_are_taken_as_they_are(command, facts, first, late):
     bent = np.stack([np.zeros_like(t), 30 * np.sin(2 * t), psi], axis=1)  # along a great circle: its twist is ψ
     one = written("fore.csv", arm * Rotation.from_euler("XYZ", bent, degrees=True), first + t)
     run = (one, "--relative-to", written("upper.csv", later, first + t + late))
-    assert "shifted by" not in facts(*run, *["--clocks", "shared"] * (late == 0.5)).get("alignment", "")
+    told = facts(*run, *["--clocks", "shared"] * (late == 0.004)).get("alignment", "")
+    assert "shifted by" not in told
+    assert late != 0.5 or told.startswith(
+        "clock of relative_to: times as they are, by which it begins 0.5 s after the "
+    )
     assert open_run("o.nc").twist_angle.values == pytest.approx(np.radians(psi - psi[covered][0])[covered], abs=1e-5)
     asked = command(*run, "--clocks", "shift", code=3).stderr
     assert "the clocks cannot be aligned" in asked

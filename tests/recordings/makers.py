@@ -112,7 +112,7 @@ def apdm():
     return text(table, head=f"Test Name:,Pendulum Test 01{more}\nSample Rate:,128,Hz{more[1:]}\n", below=units + "\n")
 
 
-def motive(bodies, time=T):
+def motive(bodies):
     """A CSV of OptiTrack Motive: lines of types, names, identities and kinds above the headers."""
     kinds = ["Rotation"] * 4 + ["Position"] * 3
     names = [name for name in bodies for _ in kinds]
@@ -125,17 +125,17 @@ def motive(bodies, time=T):
     )
     table = np.hstack([np.hstack([q, 0 * q[:, :3]]) for q in bodies.values()])
     lines = ["Format Version,1.23,Take Name,Take 1,Rotation Type,Quaternion", "", *map(",".join, rows)]
-    lines += [",".join([str(k), *map(cell, (t, *row))]) for k, (t, row) in enumerate(zip(time, table, strict=True))]
+    lines += [",".join([str(k), *map(cell, (t, *row))]) for k, (t, row) in enumerate(zip(T, table, strict=True))]
     return "\n".join(lines)
 
 
-def qualisys(bodies, time=T):
+def qualisys(bodies):
     """A TSV of Qualisys QTM with 6DOF bodies: angles as its manual defines them, matrices column by column."""
-    lines = [f"NO_OF_FRAMES\t{len(time)}", "FREQUENCY\t50", "TIME_STAMP\t2020-01-22, 17:47:17\t22107.99179716"]
+    lines = [f"NO_OF_FRAMES\t{N}", "FREQUENCY\t50", "TIME_STAMP\t2020-01-22, 17:47:17\t22107.99179716"]
     heads = ["Y", "Z", "Roll", "Pitch", "Yaw", "Residual", *[f"Rot[{i}]" for i in range(9)]]
     lines += ["\t".join(["BODY_NAMES", *bodies])]
     lines += ["\t".join(["Frame", "Time", *["\t".join([f"{body} X", *heads, ""]) for body in bodies]])]
-    for k, t in enumerate(time):
+    for k, t in enumerate(T):
         rows = [
             [0.0, 0.0, 0.0, *rot[k].as_euler("XYZ", degrees=True), 0.5, *rot[k].as_matrix().T.ravel()]
             for rot in bodies.values()
@@ -191,14 +191,13 @@ MOTION
 """
 
 
-def bvh(names=("Hips", "Arm"), decimal="."):
+def bvh():
     """Hips turn about z alone, by 0.5 rad/s; the attitude of the arm in space is R, that of the leg as of the hips."""
     hips = Rotation.from_rotvec(np.outer(T, [0, 0, 0.5]))
     table = np.hstack([np.tile([1.0, 2, 3], (N, 1)), hips.as_euler("ZXY", degrees=True)])
     table = np.hstack([table, (hips.inv() * R).as_euler("YXZ", degrees=True), np.zeros((N, 3))])
-    rows = [" ".join(cell(float(x), decimal) for x in row) for row in table]
-    head = BVH.replace("Hips", names[0]).replace("Arm", names[1])
-    return f"{head}Frames: {N}\nFrame Time: {'0.02'.replace('.', decimal)}\n" + "\n".join(rows) + "\n"
+    rows = [" ".join(cell(float(x)) for x in row) for row in table]
+    return f"{BVH}Frames: {N}\nFrame Time: 0.02\n" + "\n".join(rows) + "\n"
 
 
 def sto(names=("torso_imu", "humerus_imu")):

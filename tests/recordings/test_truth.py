@@ -90,7 +90,7 @@ BAGS = {
     "ROS 2, .db3": ("a", "a/a.db3", partial(makers.ros, version=2)),
     "ROS 2, .mcap": ("a", "a/a.mcap", partial(makers.ros, version=2, storage="MCAP")),
 }
-TOPICS_OF = {"ROS 1": ("/imu", "/pose", "/odometry", "/tf:base"), "ROS 2, folder": ("/imu", "/tf:base")}
+TOPICS_OF = {"ROS 1": ("/imu", "/pose", "/odometry", "/tf:base"), "ROS 2, folder": ("/imu",)}
 MAKERS |= {
     f"{name}, {body}": made(write, file, inner=inner, body=body, times=START + T)
     for name, (file, inner, write) in BAGS.items()
@@ -240,8 +240,6 @@ FILES = makers.DATA / "readers"
 OTHERS = {
     "opensim.sto": made(copied(FILES / "opensim.sto"), "a.sto", **OPENSIM),
     "opensim.mot": made(copied(FILES / "opensim.mot"), "a.mot", **OPENSIM, **FREE),
-    "bvhio.bvh, upper": made(copied(FILES / "bvhio.bvh"), "a.bvh", body="upper", truth=UPPER, **BVHIO),
-    "bvhio.bvh, fore": made(copied(FILES / "bvhio.bvh"), "a.bvh", body="fore", truth=UPPER * FORE, **BVHIO),
     "bvhio.bvh, hand": made(copied(FILES / "bvhio.bvh"), "a.bvh", body="hand", truth=UPPER * FORE * HAND, **BVHIO),
     "imu, quaternion.csv": made(copied(makers.ROOT / "examples/imu/quaternion.csv"), inverse=True, **LOST),
 }

@@ -129,7 +129,7 @@ def test_the_level_of_noise_where_steps_differ_by_more_than_floats_can_tell():
 
 
 @pytest.mark.filterwarnings("ignore:.*right angle:UserWarning")
-@pytest.mark.parametrize("count", [12, pytest.param(400, marks=pytest.mark.long)])
+@pytest.mark.parametrize("count", [20, pytest.param(400, marks=pytest.mark.long)])
 @pytest.mark.parametrize(("sigma", "order", "rate"), [(1e-3, 4, 1.0), (2e-2, 2, 0.0), (2e-2, 4, 0.0)])
 def test_what_noise_does_to_the_twist_is_estimated(sigma, order, rate, count):
     """The deviation from the twist of the clean recording, in units of the estimate: 1 in the mean square.

@@ -348,7 +348,6 @@ FILES = {  # content, file, options; code and fields
     "NumPy, other axes": (partial(makers.npz, arrays={"T_hand": np.zeros((4, 4, N)), "time": T}), "a.npz", {},
                           "no-orientation", {"names": "time; not read: the array 'T_hand' of the shape (4, 4, 60)"}),
     "MATLAB, of another file": (of_another_file, "a.mat", {}, "unreadable", {"what": "MAT file"}),
-    "C3D, a name twice": (partial(makers.c3d, labels=("leg", "arm", "arm")), "a.c3d", {}, "same-name", {"name": "arm"}),
     "C3D": (markers_alone, "a.c3d", {}, "no-rotations", {}),
     "ROS": (partial(makers.ros, version=1), "a.bag", {}, "which-topic", {"names": "/imu, /pose, /odometry, /tf:base"}),
     "SPICE": (makers.spice_kernels, "a.tm", {"rate": 50, "body": "-1"}, "which-instrument", {"names": "-9000"}),

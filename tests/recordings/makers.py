@@ -241,17 +241,17 @@ def mat73(path, arrays):
         file.write(b"MATLAB 7.3 MAT-file")
 
 
-def c3d(path, labels=("pelvis_4X4", "r_larm_4X4")):
-    """The first segment rests, the others are turned by R; in single precision."""
+def c3d(path):
+    """The first segment rests, the other is turned by R; in single precision."""
     import ezc3d
 
     file = ezc3d.c3d()
     file["parameters"]["POINT"]["RATE"]["value"] = [50]
     file["parameters"]["POINT"]["LABELS"]["value"] = ["m"]
     file["data"]["points"] = np.zeros((4, 1, N))
-    poses = np.tile(np.eye(4)[:, :, None, None], (1, 1, len(labels), N))
-    poses[:3, :3, 1:] = np.moveaxis(MATRICES, 0, 2)[:, :, None].astype(np.float32)
-    file.add_parameter("ROTATION", "LABELS", list(labels))
+    poses = np.tile(np.eye(4)[:, :, None, None], (1, 1, 2, N))
+    poses[:3, :3, 1] = np.moveaxis(MATRICES, 0, 2).astype(np.float32)
+    file.add_parameter("ROTATION", "LABELS", ["pelvis_4X4", "r_larm_4X4"])
     file["data"]["rotations"] = poses
     file.write(str(path))
 

@@ -9,6 +9,7 @@ from numpy.testing import assert_array_equal
 from scipy.spatial.transform import Rotation
 
 from many_digits import exact, mp_cross, mp_dot
+from nontwist.exact import polygon_turn
 from nontwist.geometry.curves import frame_along, frame_of_curve
 from nontwist.geometry.frames import closed_frame, frame_error_estimate, holonomy, nontwisting_frame, solid_angle
 from nontwist.validation.frames import path as angles
@@ -79,20 +80,18 @@ def test_order_four(name):
     assert name != "jittered" or errors[-1] < 5e-10
 
 
-@pytest.mark.parametrize("theta", [0.3, 1.9, 2.7])
+@pytest.mark.parametrize("theta", [0.3, 1.9])
 def test_latitude_circle(theta):
     """The polygon encloses what n triangles with the pole do; backwards, three times, about other poles as well."""
     n = 2001
     polygon = 2 * np.pi - 2 * n * np.arctan(np.cos(theta) * np.tan(np.pi / n))
     d3, three = latitude(theta, n), latitude(theta, 3 * n, turns=3)
     assert modulo(holonomy(d3[::-1]) + polygon) < 1e-12
-    assert -np.pi < holonomy(d3) <= np.pi
     assert modulo(solid_angle(d3) - polygon, 4 * np.pi) < 1e-12
-    assert -2 * np.pi < solid_angle(d3) <= 2 * np.pi
+    assert (abs(holonomy(d3)) < np.pi, abs(solid_angle(d3)) < 2 * np.pi) == (True, True)
     assert solid_angle(d3, pole=(0, 0, 5)) == pytest.approx(polygon, abs=1e-12)
-    assert solid_angle(three, pole=(0, 0, 1)) == pytest.approx(3 * polygon, abs=1e-11)
-    assert solid_angle(three[::-1], pole=(0, 0, 1)) == pytest.approx(-3 * polygon, abs=1e-11)
-    assert solid_angle(three, pole=(0, 0, -1)) == pytest.approx(3 * polygon - 12 * np.pi, abs=1e-11)
+    found = [solid_angle(three, pole=(0, 0, z)) for z in (1, -1)] + [solid_angle(three[::-1], pole=(0, 0, 1))]
+    assert found == pytest.approx([3 * polygon, 3 * polygon - 12 * np.pi, -3 * polygon], abs=1e-11)
 
 
 def octant(n):
@@ -145,7 +144,7 @@ def test_polygon_invariants():
         same = [*map(solid_angle, (np.roll(d3, 2, axis=0), d3 @ turn.T, np.repeat(d3, 2, axis=0))), halves]
         same += [-solid_angle(d3[::-1]), solid_angle(d3, pole=turn[0])]
         assert modulo(np.array(same) - area, 4 * np.pi) < 1e-12
-        assert modulo(holonomy(d3) - area) < 1e-12
+        assert modulo(np.array([holonomy(d3), polygon_turn(d3)]) - area) < 1e-12
         assert modulo(closed_frame(d3, order=2)[1] - area) < 1e-11
 
 
@@ -222,17 +221,6 @@ def test_the_first_d1():
     frames, across = nontwisting_frame(d3, wish), wish - (d3[0] @ wish) * d3[0]
     assert_allclose(frames[0, 0], across / np.linalg.norm(across), atol=1e-15)
     assert_allclose(nontwisting_frame(d3, 1e-300 * wish), frames, atol=1e-14)
-
-
-def test_constant_directors():
-    d3 = np.broadcast_to([0.6, 0.0, 0.8], (50, 3))
-    for order in (2, 4):
-        closed, angle = closed_frame(d3, order=order)
-        assert angle == pytest.approx(0.0, abs=1e-15)
-        for frames in (nontwisting_frame(d3, order=order), closed):
-            assert_allclose(frames, np.broadcast_to(frames[0], frames.shape), atol=1e-15)
-    assert holonomy(d3) == solid_angle(d3) == 0.0
-    assert frame_error_estimate(d3).max() < 1e-14
 
 
 @pytest.mark.parametrize("noise", [0.0, 1e-15, 1e-12, 1e-8])
@@ -352,11 +340,13 @@ def test_frames_of_curves_in_any_unit_of_length(size):
 
 
 @pytest.mark.parametrize("order", [2, 4])
-@pytest.mark.parametrize("size", [1e-104, 1e-108, 1e-158, 1e-300])
+@pytest.mark.parametrize("size", [0.0, 1e-104, 1e-108, 1e-158, 1e-300])
 def test_directors_that_move_by_next_to_nothing(size, order):
     d3 = np.insert(size * np.random.default_rng(0).standard_normal((100, 2)), 2, 1, axis=1)
-    for frames in (nontwisting_frame(d3, order=order), closed_frame(d3, order=order)[0]):
+    closed, angle = closed_frame(d3, order=order)
+    for frames in (nontwisting_frame(d3, order=order), closed):
         assert_allclose(frames, np.broadcast_to(AXES, frames.shape), atol=1e-15)
+    assert [angle, holonomy(d3), solid_angle(d3)] == pytest.approx([0, 0, 0], abs=1e-15)
     assert frame_error_estimate(d3, order=order).max() < 1e-14
 
 

@@ -23,7 +23,7 @@ import nontwist as nt
 from conftest import BODIES, thinned
 from nontwist.analysis.invariants import drifts
 from nontwist.geometry.arrays import Array
-from nontwist.loads import LOADS, DirectorForces, Potential, Term
+from nontwist.loads import LOADS, Potential, Term
 from nontwist.loads.kinds import load_of
 from nontwist.runfile import read_run_file
 from nontwist.runfile.document import json_schema
@@ -333,16 +333,6 @@ class Wave(Term):
 
 
 @dataclass(frozen=True, eq=False)
-class Tips(DirectorForces):
-    """A dead force on each director."""
-
-    tips: Annotated[Array, Spec("in space, a row for each director", unit="N m", shape=(3, 3))]
-
-    def forces(self, t, directors, angular_velocity):
-        return self.tips
-
-
-@dataclass(frozen=True, eq=False)
 class Ruled(Wave):
     """One with more fields."""
 
@@ -358,17 +348,13 @@ def test_fields_of_ones_own_are_what_their_rules_say(wrong):
         Ruled(**good | wrong)
 
 
-KINDS = {"needle": Needle, "cord": Cord, "wave": Wave, "tips": Tips}
-SPRING = nt.spring(3, (0, 0.2, 1), (1, 0.5, 1), 0.8)
+KINDS = {"needle": Needle, "cord": Cord, "wave": Wave}
+SPRING, CORD = nt.spring(3, (0, 0.2, 1), (1, 0.5, 1), 0.8), Cord(3, (0, 0.2, 1), 0.8)
+WAVE = Wave((1, 2, 3), 0.7)
 PAIRS = {  # a load, that of the package, and a number of the first as one of the other, and how many times it changes
     "needle": (Needle(DIPOLE, FIELD), nt.dipole(DIPOLE, FIELD), {"needle[2]": ("linear[2]", -1)}),
-    "cord": (Cord(3, (0, 0.2, 1), 0.8), SPRING, {"cord": ("stiffness", 1), "rest": ("rest_length", 1)}),
-    "wave": (
-        Wave((1, 2, 3), 0.7),
-        nt.sine((1, 2, 3), 0.7, frame="space"),
-        {"wave[y]": ("sine[y]", 1), "rate": ("frequency", 1)},
-    ),
-    "tips": (Tips(np.outer(DIPOLE, FIELD)), nt.dipole(DIPOLE, FIELD), {}),
+    "cord": (CORD, SPRING, {"cord": ("stiffness", 1), "rest": ("rest_length", 1)}),
+    "wave": (WAVE, nt.sine((1, 2, 3), 0.7, frame="space"), {"wave[y]": ("sine[y]", 1), "rate": ("frequency", 1)}),
 }
 
 
@@ -404,7 +390,7 @@ def test_it_moves_the_body_as_that_of_the_package_and_has_its_derivatives(name, 
 @pytest.mark.parametrize("scheme", ["lie-midpoint", "energy-momentum"])
 def test_a_potential_of_ones_own_is_conserved(scheme):
     """By a discrete gradient of its text; its axes are three, so that no momentum is."""
-    run = nt.simulate(nt.standard(J), t_end=20, step=0.1, load=Cord(3, (0, 0.2, 1), 0.8), integrator=scheme, **START)
+    run = nt.simulate(nt.standard(J), t_end=20, step=0.1, load=CORD, integrator=scheme, **START)
     total = run.kinetic_energy + run.potential_energy
     assert abs(total - total[0]).max() < 1e-12
     assert set(drifts(run)) == {"total_energy", "orthonormality"}
@@ -412,7 +398,7 @@ def test_a_potential_of_ones_own_is_conserved(scheme):
 
 @pytest.mark.usefixtures("registered")
 def test_fields_are_parameters_in_every_way_to_run():
-    body, load = nt.standard(J), Needle(DIPOLE, FIELD) + nt.damping(0.1) - 0.5 * Wave((1, 2, 3), 0.7)
+    body, load = nt.standard(J), Needle(DIPOLE, FIELD) + nt.damping(0.1) - 0.5 * WAVE
     how, wrt, last = {"t_end": 1, "step": 0.1, "load": load}, ["needle", "rate"], np.zeros((11, 3))
     d = nt.sensitivities(body, wrt=wrt, **how, **START)
     assert load == load_of(json.loads(d.attrs["load"]))

@@ -261,6 +261,8 @@ def test_how_commands_end(code, line, place, monkeypatch):
     before = sorted(place.rglob("*"))
     result = nontwist(*shlex.split(line))
     assert (result.exit_code, result.stdout, sorted(place.rglob("*"))) == (code, "", before)
+    is_elsewhere = line.endswith(" run.toml") and code == 3 and not line.startswith("run ")
+    assert result.stderr.endswith("nontwist run run.toml runs it\n") == is_elsewhere
     said(result.stderr.rpartition("Error: ")[2])
 
 

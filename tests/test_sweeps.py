@@ -569,6 +569,7 @@ def test_labels_of_figures_name_columns_and_those_of_ticks_do_not_touch(deviatio
         labels = [ax.get_xlabel(), ax.get_ylabel() if len(chosen) == 1 else ax.figure.axes[1].get_ylabel()]
         assert labels == ["start.angular_velocity.space.0 (rad s$^{-1}$)", "quaternion_z $p_{z}$"]
         assert all(any(column.split(" ")[0] == label.split(" ")[0] for column in header) for label in labels)
+        ax.figure.draw_without_rendering()
         low, high = ax.get_xlim()
         ticks = [tick for tick in ax.xaxis.get_major_ticks() if low <= tick.get_loc() <= high]
         boxes = [tick.label1.get_window_extent() for tick in ticks]

@@ -103,24 +103,11 @@ class Driver:
         return 0
 
 
-class Codes(list):
-    """The codes that a GPU is given; if they are poisoned, with functions that give NaN."""
-
-    is_poisoned = False
-
-
 @pytest.fixture
 def codes(monkeypatch):
-    found, code_of = Codes(), gpu.code_of
-
-    def kept(*given):
-        code = code_of(*given)
-        for numbers in (gpu.HALF_PI, gpu.LN_2) if found.is_poisoned else ():
-            code = code.replace(LITERALS["double"](numbers[1]), LITERALS["double"](np.nan))
-        found.append(code)
-        return code
-
-    monkeypatch.setattr(gpu, "code_of", kept)
+    """The codes that a GPU is given."""
+    found, code_of = [], gpu.code_of
+    monkeypatch.setattr(gpu, "code_of", lambda *given: found.append(code_of(*given)) or found[-1])
     return found
 
 
@@ -151,10 +138,8 @@ def compared(codes, body, **how):
     assert set(found.data_vars) == set(expected.data_vars)
     if same(expected, found):
         return expected, found
-    if machine_code.is_fused():
-        codes.is_poisoned = True
-        assert not same(found, nt.simulate_ensemble(body, device="gpu", **how))
-        codes.pop()
+    marks = LITERALS["double"](gpu.HALF_PI[1]), LITERALS["double"](gpu.LN_2[1])
+    assert any(mark in code for mark in marks for code in codes) or not machine_code.is_fused()
     for name, array in expected.data_vars.items():
         if array.dtype.kind == "f" and not name.endswith(("defect", "drift")):
             limit = 1e-12 * (1 + np.nanmax(abs(array.values)))
@@ -199,15 +184,12 @@ PAIRS = [  # scheme, body, load: each scheme, each part of a load
     ("gauss 4", "standard", "memory"),
     ("gauss 6", "spin table", "body table"),
     ("gauss 8", "suslov", "ellipse and potential"),
-    ("gauss 16", "heavy suslov", "damping"),
     ("lie-midpoint 2", "nontwisting", "rotor table"),
     ("lie-midpoint 2", "standard", "functions of C"),
     ("lie-midpoint 2 dissipative", "standard", "compiled forces"),
-    ("lie-midpoint 1 dissipative", "symmetric", "sum"),
     ("energy-momentum 2", "heavy nontwisting", "sum of all"),
     ("energy-momentum 2", "suslov", "body forces"),
-    ("energy-momentum 2 dissipative", "heavy top", "quadratic"),
-    ("energy-momentum 1 dissipative", "standard", "compiled moment"),
+    ("energy-momentum 1 dissipative", "heavy top", "quadratic"),
 ]
 PYTHON = ["moment", "moment in C", "forces", "potential"]
 EVERY = product(

@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 
 import nontwist as nt
 import test_derivatives
+from nontwist.driver.ensembles import jacobian_of
 from nontwist.engine.marching import Step, Text, turned_by_half
 from nontwist.engine.records import State
 from nontwist.errors import SimulationError
@@ -305,20 +306,35 @@ def test_derivatives_that_are_wrong():
         nt.moment(push, derivative=3)
 
 
-@pytest.mark.parametrize("scheme", ["gauss", "lie-midpoint", pytest.param("energy-momentum", marks=pytest.mark.long)])
-def test_jacobians_of_a_propagator_under_functions_are_prepared(scheme):
-    """Under compiled functions and potentials, from starts of other speeds and with a factor, bit for bit."""
-    load = nt.spring(STIFFNESS, POINT, ANCHOR, REST) + nt.moment(push, compiled=True)
-    load += nt.potential(POINT, hill, hill_slope, compiled=True)
-    names, how = ["material_angular_velocity", "rotation", "inertia", "duration"], {"integrator": scheme}
-    run = nt.propagator(nt.standard(J), t_end=1, step=0.05, load=load, **how)
-    for speed, scale, wrt in ((1.0, 1.0, names), (0.1, 1.0, names), (1.0, 0.7, names[:-1])):
-        start = START | {"material_angular_velocity": speed * W0}
-        with patch("nontwist.driver.ensembles.jacobian_of", side_effect=AssertionError):
-            changes = run.jacobian(wrt=wrt, load_scale=scale, **start)
-        d = nt.sensitivities(nt.standard(J), wrt=wrt, t_end=1, step=0.05, load=scale * load, **how, **start)
-        for found, expected in zip(changes, (d.d_rotation, d.d_material_angular_velocity), strict=True):
-            assert abs(found - expected.values[[0, -1]]).max() <= 1e-14 * abs(expected.values).max()
+JACOBIANS = [("gauss", "suslov", "all", 4, False), ("lie-midpoint", "suslov", "all", 4, False)]
+JACOBIANS += [("gauss", "heavy", "none", "end", False), ("gauss", "nontwisting", "none", 4, True)]
+JACOBIANS += [("energy-momentum", "standard", "body", 4, True), ("lie-midpoint", "heavy", "none", 4, True)]
+JACOBIANS += [("gauss", "standard", "functions", 4, False), ("lie-midpoint", "standard", "functions", "end", True)]
+MORE = [("energy-momentum", "suslov", "all", 4, False), ("energy-momentum", "standard", "functions", 4, True)]
+
+
+@pytest.mark.filterwarnings(IGNORED)
+@pytest.mark.parametrize(("scheme", "body", "load", "store", "few"), or_long(JACOBIANS, MORE))
+def test_jacobian_of_a_propagator_is_that_of_sensitivities(scheme, store, body, load, few):
+    """By few parameters: turns of the start alone turn all of a run that does not see its attitude."""
+    called = nt.spring(STIFFNESS, POINT, ANCHOR, REST) + nt.moment(push, compiled=True)
+    called += nt.potential(POINT, hill, hill_slope, compiled=True)
+    names = ["material_angular_velocity", "rotation", "inertia"]
+    names += ["duration"] if few else ["axis", "load_scale", *(["load[0].values"] if load == "all" else [])]
+    system, load = test_derivatives.SYSTEMS[body], called if load == "functions" else test_derivatives.LOADS[load]
+    how = {"t_end": 1.0, "step": 0.05, "integrator": scheme, "load": load, "store": store, "project": True}
+    run = nt.propagator(system, **how)
+    for scale, slower in ((1.0, 1.0), (1.0, 0.5), (0.7, 1.0))[: 2 if few else 3]:
+        begin = {"material_angular_velocity": slower * W0, "rotation": R0}
+        with patch("nontwist.driver.ensembles.jacobian_of", wraps=jacobian_of) as unprepared:
+            found = run.jacobian(wrt=names, load_scale=scale, **begin)
+        assert not unprepared.called or (scale != 1 and "load[0].values" in names)
+        d = nt.sensitivities(system, wrt=names, **(how | {"load": scale * load}), **begin)
+        by_scale = d.parameter.values == "load_scale"  # by the factor itself, and by a table before it is multiplied
+        for array, expected in zip(found, (d.d_rotation, d.d_material_angular_velocity), strict=True):
+            again = expected.values * np.where(by_scale, 1 / scale, 1.0)
+            assert array.shape == again.shape
+            assert abs(array - again).max() <= 1e-14 * max(1, abs(again).max())
 
 
 def test_prepared_jacobians_warn_of_differences():

@@ -344,33 +344,6 @@ def test_a_gradient_of_a_run_that_fails():
     assert run.to_dataset().sizes["time"] == 1
 
 
-JACOBIANS = [("gauss", "suslov", "all", 4, False), ("lie-midpoint", "suslov", "all", 4, False)]
-JACOBIANS += [("gauss", "heavy", "none", "end", False), ("gauss", "nontwisting", "none", 4, True)]
-JACOBIANS += [("energy-momentum", "standard", "body", 4, True), ("lie-midpoint", "heavy", "none", 4, True)]
-
-
-@pytest.mark.filterwarnings("ignore:.*(breakpoint|table of the load)")
-@pytest.mark.parametrize(
-    ("scheme", "body", "load", "store", "few"),
-    or_long(JACOBIANS, [("energy-momentum", "suslov", "all", 4, False)]),
-)
-def test_jacobian_of_a_propagator_is_that_of_sensitivities(scheme, store, body, load, few):
-    """By few parameters: turns of the start alone turn all of a run that does not see its attitude."""
-    names = ["material_angular_velocity", "rotation", "inertia"]
-    names += ["duration"] if few else ["axis", "load_scale", *(["load[0].values"] if load == "all" else [])]
-    how = {"t_end": 1.0, "step": 0.05, "integrator": scheme, "load": LOADS[load], "store": store}
-    run, W = nt.propagator(SYSTEMS[body], **how), across(W0, SYSTEMS[body].axis)
-    for scale, slower in ((1.0, 1.0), (1.0, 0.5), (0.7, 1.0))[: 2 if few else 3]:
-        begin = {"material_angular_velocity": slower * W, "rotation": R0}
-        found = run.jacobian(wrt=names, load_scale=scale, **begin)
-        d = nt.sensitivities(SYSTEMS[body], wrt=names, **(how | {"load": scale * LOADS[load]}), **begin)
-        by_scale = d.parameter.values == "load_scale"  # by the factor itself, and by a table before it is multiplied
-        for array, expected in zip(found, (d.d_rotation, d.d_material_angular_velocity), strict=True):
-            again = expected.values * np.where(by_scale, 1 / scale, 1.0)
-            assert array.shape == again.shape
-            assert abs(array - again).max() <= 1e-14 * max(1, abs(again).max())
-
-
 def test_jacobian_from_threads_and_without_preparation():
     run = nt.propagator(nt.standard(J), t_end=1.0, step=0.05)
     starts = W0 * np.linspace(0.5, 1.5, 16)[:, None]

@@ -7,24 +7,19 @@ from itertools import product
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 
 import nontwist as nt
-from conftest import compiled_load, random_inertia
+from conftest import compiled_load
 from nontwist.driver import starts
 from nontwist.errors import SimulationError, Status
 from nontwist.geometry import rotations
 from nontwist.integrators import INTEGRATORS, Gauss, stack_march
-from nontwist.validation.compiled_steps import ReferenceEnergyMomentum, ReferenceLieMidpoint
+from nontwist.validation.compiled_steps import ReferenceEnergyMomentum, ReferenceLieMidpoint, random_load
+from nontwist.validation.problems import random_body, random_kinds, random_start
 from refusals import says
 
 EPS = np.finfo(float).eps
-KINDS = {
-    "standard": lambda rng: nt.standard(random_inertia(rng)),
-    "nontwisting": lambda rng: nt.nontwisting(random_inertia(rng, block=True)),
-    "suslov": lambda rng: nt.suslov(random_inertia(rng), rng.normal(size=3)),
-    "heavy": lambda rng: nt.with_gravity(nt.suslov(random_inertia(rng), [1, 2, -3]), 0.05, rng.normal(size=3) / 10),
-}
+KINDS = random_kinds()
 
 
 def swing(t, d, w):
@@ -38,15 +33,12 @@ def also(t, d, w):
 def random_problem(kind, seed, compiled=None):
     """A random body, start and load: moments in the body and in space, damping; functions of the state if asked for."""
     rng = np.random.default_rng(seed)
-    body = KINDS[kind](rng)
-    a, b, f = rng.normal(size=3), rng.normal(size=3), rng.uniform(0.5, 3, size=2)
-    load = nt.body_moment(lambda t: a * np.sin(f[0] * t)) + nt.space_moment(lambda t: b * np.cos(f[1] * t))
+    body, start, load = random_body(*KINDS[kind], rng), random_start(rng), random_load(rng)
     load = load + nt.damping(rng.uniform(0, 0.3, size=3))
     if compiled is not None:
         one, other = (compiled_load(g) if compiled else nt.moment(g) for g in (swing, also))
         load = load + 2 * one - 0.5 * other
-    start = {"rotation": Rotation.random(rng=rng), "angular_velocity": 3 * rng.normal(size=3), "project": True}
-    return body, {**start, "load": load}
+    return body, start | {"load": load}
 
 
 def assert_same_run(one, other, h):

@@ -177,12 +177,3 @@ def test_a_short_pulse_is_resolved_where_it_acts():
     assert (grid.numbers, grid.longest) == ((0, 50, 70, 120), 1.0)
     assert stretches_of(load + nt.sine((1, 0, 0), 0.5), 0.0, 100.0, 1.0).numbers == (0, 500, 520, 1020)
     assert stretches_of(load, 0.0, 100.0, 2.0, even=True, higher=5).numbers == (0, 26, 30, 56)
-
-
-def test_a_long_table_is_marched_in_one_call():
-    t = np.linspace(0, 10, 3001) + 1e-4 * np.sin(np.arange(3001))
-    load = nt.space_moment(t, np.stack([np.sin(t), np.cos(3 * t), t], axis=1))
-    run = nt.integrate(BODY, t_end=10, load=load, store="end", integrator="split", **W)
-    assert len(run.stretches.sizes) == 3000
-    impulse = np.array([1 - np.cos(10), np.sin(30) / 3, 50.0])
-    assert run.moment[0] * 10 == pytest.approx(impulse, abs=2e-3)

@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 
 import nontwist as nt
 import test_derivatives
+from conftest import or_long
 from nontwist.driver.ensembles import jacobian_of
 from nontwist.engine.marching import Step, Text, turned_by_half
 from nontwist.engine.records import State
@@ -25,7 +26,7 @@ from nontwist.loads import Term
 from nontwist.loads.functions import Moment
 from nontwist.spec import Spec
 from refusals import said, says
-from test_derivatives import AXIS, EYE, R0, START, W0, C, J, derivative, last, numbers_of, or_long
+from test_derivatives import AXIS, EYE, R0, START, W0, C, J, derivative, last, numbers_of
 
 FIELD, ANCHOR, POINT = np.array([0.3, 0.4, -0.8]), np.array([1, 0.5, 1]), np.array([0, 0.2, 1.0])
 LINE, Q = np.array([1, 0.2, 0.3]), np.array([[1, 0.2, 0.3], [0.2, -2, 0.5], [0.3, 0.5, 0.7]])

@@ -13,6 +13,7 @@ from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 
 import nontwist as nt
+from conftest import or_long
 from nontwist.errors import SimulationError
 from nontwist.geometry.attitudes import BASIS
 from nontwist.inertia import euler_inertia
@@ -173,11 +174,6 @@ QUICK = [("heavy", "none", "gauss", 4), ("standard", "body", "gauss", 4), ("nont
 QUICK += [("standard", "none", "energy-momentum", 2), ("nontwisting", "body", "lie-midpoint", 2)]
 QUICK += [*(("suslov", "all", *scheme) for scheme in SCHEMES[:3])]
 LONG = [case for case in ((*pair, *scheme) for pair in MORE for scheme in SCHEMES) if case not in QUICK]
-
-
-def or_long(quick, long):
-    """The cases of the quick suite, and more for the long one."""
-    return [*quick, *(pytest.param(*case, marks=pytest.mark.long) for case in long)]
 
 
 @pytest.mark.filterwarnings("ignore:.*(breakpoint|table of the load)")

@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 
 import nontwist as nt
-from conftest import thinned
+from conftest import or_long, thinned
 from covering.problems import BODIES, FORCES, LOADS, TIMES, of_state, schemes
 from nontwist.errors import InputError
 from nontwist.integrators import stack_march
@@ -179,33 +179,35 @@ MORE = {
 }
 
 
-PAIRS = [  # scheme, body, load: each scheme, each part of a load
-    ("gauss 2", "heavy top", "space table"),
-    ("gauss 4", "standard", "memory"),
-    ("gauss 6", "spin table", "body table"),
-    ("gauss 8", "suslov", "ellipse and potential"),
-    ("lie-midpoint 2", "nontwisting", "rotor table"),
-    ("lie-midpoint 2", "standard", "functions of C"),
-    ("lie-midpoint 2 dissipative", "standard", "compiled forces"),
-    ("energy-momentum 2", "heavy nontwisting", "sum of all"),
-    ("energy-momentum 2", "suslov", "body forces"),
-    ("energy-momentum 1 dissipative", "heavy top", "quadratic"),
+OUTPUTS = {"t_end": None, "times": [0, 0.02, 0.31, 1.3, 1.5, 1.9, 2.47, 3]}
+STATISTICS = OUTPUTS | {"reduce": ("drift", "extrema", "averages", "total_twist")}
+ALL = {"store": 1}
+PAIRS = [  # each scheme, each part of a load, each kind of output
+    ("gauss 2", "heavy top", "space table", OUTPUTS),
+    ("gauss 4", "standard", "memory", ALL),
+    ("gauss 6", "spin table", "body table", ALL),
+    ("gauss 8", "suslov", "ellipse and potential", ALL),
+    ("gauss 8", "heavy nontwisting", "none", {"step": None, "tolerance": 1e-9}),
+    ("lie-midpoint 2", "nontwisting", "rotor table", STATISTICS),
+    ("lie-midpoint 2", "standard", "functions of C", ALL),
+    ("lie-midpoint 2 dissipative", "standard", "compiled forces", ALL),
+    ("energy-momentum 2", "heavy nontwisting", "sum of all", ALL),
+    ("energy-momentum 2", "suslov", "body forces", ALL),
+    ("energy-momentum 1 dissipative", "heavy top", "quadratic", ALL),
 ]
 PYTHON = ["moment", "moment in C", "forces", "potential"]
 EVERY = product(
     ("gauss 4", "lie-midpoint 2", "energy-momentum 2"),
     ("standard", "heavy nontwisting"),
     [load for load in LOADS if load not in PYTHON],
+    [ALL],
 )
 
 
-@pytest.mark.parametrize(
-    ("scheme", "body", "load"), [*PAIRS, *(pytest.param(*x, marks=pytest.mark.long) for x in EVERY)]
-)
-def test_a_thread_gives_what_the_processor_gives(driver, codes, scheme, body, load):
+@pytest.mark.parametrize(("scheme", "body", "load", "how"), or_long(PAIRS, EVERY))
+def test_a_thread_gives_what_the_processor_gives(driver, codes, scheme, body, load, how):
     made = MORE[load]() if load in MORE else LOADS[load][0]()
-    scale = 1 + 0.1 * np.arange(len(W))
-    compared(codes, body, integrator=SCHEMES[scheme], load=made, load_scale=scale, store=1)
+    compared(codes, body, integrator=SCHEMES[scheme], load=made, load_scale=1 + 0.1 * np.arange(len(W)), **how)
     require_ptx(codes[-1])
 
 
@@ -215,21 +217,6 @@ def test_the_assembler_takes_it(driver, codes, scheme, tmp_path):
     compared(codes, "standard", integrator=SCHEMES[scheme], load=MORE["functions of C"]())
     (tmp_path / "march.ptx").write_text(require_ptx(codes[-1]), encoding="utf-8")
     subprocess.run([PTXAS, "-arch=sm_80", "march.ptx"], cwd=tmp_path, check=True)
-
-
-OUTPUTS = {"t_end": None, "step": 0.05, "times": [0, 0.02, 0.31, 1.3, 1.5, 1.9, 2.47, 3]}
-
-
-@pytest.mark.parametrize(
-    ("scheme", "how"),
-    [
-        ("lie-midpoint 2", OUTPUTS | {"reduce": ("drift", "extrema", "averages", "total_twist")}),
-        ("gauss 4", OUTPUTS | {"load": LOADS["space table"][0]()}),
-        ("gauss 8", {"step": None, "tolerance": 1e-9}),
-    ],
-)
-def test_outputs_and_statistics(driver, codes, scheme, how):
-    compared(codes, "heavy nontwisting", integrator=SCHEMES[scheme], **how)
 
 
 def test_pauses_and_kinds_of_motion(driver, codes, monkeypatch):

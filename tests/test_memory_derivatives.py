@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import nontwist as nt
+from conftest import or_long
 from test_derivatives import require_tangents, require_transpose
 from test_wheels import BODIES, W0, J, drag, spin_up
 
@@ -53,16 +54,13 @@ def loaded(beside="wheels", p=NUMBERS):
     return 0.5 * (own + nt.memory_load(branching, holding, [0.3], scale=[1], frame="body"))
 
 
+QUICK = [("wheels", "suslov", 8), ("memory in space", "standard", 8), ("memory in space", "top", 2)]
+QUICK += [("memory in the body", "suslov", 4)]
+
+
 @pytest.mark.filterwarnings("ignore:the load .* runs in Python")
 @pytest.mark.parametrize(
-    ("beside", "body", "order"),
-    [
-        ("wheels", "suslov", 8),
-        *(pytest.param("wheels", name, 8, marks=pytest.mark.long) for name in BODIES if name != "suslov"),
-        ("memory in space", "standard", 8),
-        ("memory in space", "top", 2),
-        ("memory in the body", "suslov", 4),
-    ],
+    ("beside", "body", "order"), or_long(QUICK, [("wheels", name, 8) for name in ("standard", "top")])
 )
 def test_derivatives_are_those_of_differences(beside, body, order):
     """And the gradient their transpose. Of the axis of a wheel counts what is across it."""

@@ -15,10 +15,11 @@ from nontwist import integrate, memory_load, simulate, standard
 from nontwist.integrators import Gauss
 from nontwist.loads import LOADS, Memory
 from nontwist.spec import Spec
+from nontwist.validation.conserved import AXIS, friction, reaction
 from refusals import refused_as
 
 J, FIELD, START = np.array([1.0, 2.0, 3.0]), np.array([0.3, 0.2, 1.0]), np.array([0.5, 1.2, -0.4])
-AXIS, H0, Z0 = np.array([0.6, 0.0, 0.8]), 0.4, [0.1, -0.2]
+Z0 = [0.1, -0.2]
 RUN = {"t_end": 1, "step": 0.1}
 HOW = {"t_end": 4, "step": 0.1, "material_angular_velocity": START}
 
@@ -72,15 +73,7 @@ def test_order(order, in_space):
     assert np.log2(errors[0] / errors[1]) == pytest.approx(order, abs=0.25)
 
 
-def friction(t, z, directors, W):
-    return 0.3 * np.sin(1.7 * t) - 0.2 * (z / 0.05 - AXIS @ W)
-
-
-def reaction(t, z, directors, W):
-    return z[0] * np.cross(AXIS, W) - AXIS * friction(t, z, directors, W)[0]
-
-
-WHEEL = memory_load(friction, reaction, H0, frame="body", compiled=True)
+WHEEL = memory_load(friction, reaction, 0.4, frame="body", compiled=True)
 
 
 @pytest.mark.parametrize("order", [2, 8])

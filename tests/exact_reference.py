@@ -1,4 +1,4 @@
-"""Free and Suslov motions to 30 digits and more, in two ways that share nothing with the package.
+"""Motions in ways that share nothing with the package: free and Suslov ones to 30 digits and more, others by SciPy.
 
 `elliptic_top` evaluates the textbook formulas (Landau & Lifshitz §37, Euler angles with Legendre's third integral) in
 mpmath; `taylor_top` sums the Taylor series of the differential equations in 50-digit integers.
@@ -8,13 +8,12 @@ from fractions import Fraction
 
 import mpmath as mp
 import numpy as np
+from scipy.integrate import solve_ivp
 
 from conftest import cross
 
 mp.mp.dps = 40
-BITS = 170
-
-
+BITS, EYE = 170, np.eye(3)
 FULL = np.array([[3, 0.2, 0.1], [0.2, 4, -0.3], [0.1, -0.3, 5]])
 
 
@@ -128,3 +127,22 @@ def _matrix(q):
         [2 * (a * c - s * b), 2 * (b * c + s * a), 1 - 2 * (a * a + b * b)],
     ]
     return np.array([[float(v) for v in row] for row in R])
+
+
+def by_scipy(J, W, forces, t_end, q=EYE, axis=None, **how):
+    """Directors, W, and the work of forces on the directors: Euler's equations and d_i' = w × d_i, by DOP853 at 1e-13.
+
+    Where an axis is held, W along it is taken out by the moment that the plane leaves.
+    """
+    plane = np.eye(3) if axis is None else np.linalg.svd(axis[None])[2][1:]
+
+    def rates(t, y):
+        q, W = y[:9].reshape(3, 3), y[9:12]
+        w = W @ q
+        f, velocities = forces(t, q, w), cross(w, q)
+        M = cross(J @ W, W) + q @ cross(q, f).sum(0)
+        return [*velocities.ravel(), *plane.T @ np.linalg.solve(plane @ J @ plane.T, plane @ M), (f * velocities).sum()]
+
+    start = [*np.ravel(q), *W, 0.0]
+    end = solve_ivp(rates, (0, t_end), start, method="DOP853", rtol=1e-13, atol=1e-14, **how).y[:, -1]
+    return end[:9].reshape(3, 3), end[9:12], end[12]

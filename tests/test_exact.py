@@ -83,23 +83,10 @@ def test_all_phases_where_the_nome_is_largest(W):
         assert distance(R, reference.elliptic_top([3, 4, 5], W, t)) < 1e-14
 
 
-def test_the_two_references_agree():
-    for moments, W in (
-        ([3, 4, 5], [1, 1, 5]),
-        ([0.2, 4, 4.1], [0.4, 2, 1]),
-        ([3, 4, 5], [0.4 / 3, 0.15, (1 + 1e-8) * np.sqrt(0.8 / 3) / 5]),
-    ):
-        found, known = reference.taylor_top(moments, W, 2.0)[0], reference.elliptic_top(moments, W, 2.0)
-        assert distance(found, known) < 1e-15
-
-
-DEGENERATE = {  # moments (A, A, C), or a permanent rotation
+DEGENERATE = {  # beside those of the checks of validation
     "oblate, across": ([3, 3, 5], [1, 2, 0]),
     "oblate, along": ([3, 3, 5], [0, 0, -3]),
     "prolate, across": ([3, 3, 1], [-1, 2, 0]),
-    "prolate, along": ([3, 3, 1], [0, 0, 3]),
-    "sphere": ([2, 2, 2], [1, -2, 3]),
-    "middle axis, backwards": ([3, 4, 5], [0, -2, 0]),
     "rest": ([3, 4, 5], [0, 0, 0]),
 }
 
@@ -113,14 +100,13 @@ def test_degenerate_bodies_and_permanent_rotations(case):
     spin = Rotation.from_rotvec(np.outer(times, [0, 0, (A - C) / A * W[2]]))
     known = (Rotation.from_rotvec(np.outer(times, W * [1, 1, C / A])) * spin).as_matrix()
     assert max(map(distance, got, known)) <= 1e-13
+    assert nt.exact.momentum_period([3, 3, 5], [1, 2, 3]) == pytest.approx(np.pi)
     assert got @ (moments * velocity)[..., None] == pytest.approx(np.tile((moments * W)[:, None], (4, 1, 1)))
 
 
-@pytest.mark.parametrize(
-    ("J", "W"), [(PAPER_J, [6, -18, 1]), (FULL, [3, -1, 0.3]), (2 * np.eye(3) + 1e-9 * FULL, [1, 2, 3])]
-)
+@pytest.mark.parametrize(("J", "W"), [(FULL, [3, -1, 0.3]), (2 * np.eye(3) + 1e-9 * FULL, [1, 2, 3])])
 def test_principal_axes_that_are_not_the_directors(J, W):
-    t = turns(W, 4)
+    t = turns(W, 3)
     got, velocity = nt.exact.free_standard(J, W, [t])
     R, w = reference.taylor_top(J, W, t)
     assert distance(got[0], R) <= 1e-13
@@ -166,12 +152,6 @@ def test_start_and_order_of_times():
         assert solution(J, W, 0.5)[0].shape == (1, 3, 3)
         assert solution(J, W, [])[0].shape == (0, 3, 3)
         assert np.array_equal(solution(J, [0, 0, 0], [3])[0], np.eye(3)[None])
-    times = turns([6, -18, 0], 10), 0.5
-    for R, w, t, bound in zip(
-        *nt.exact.free_nontwisting(PAPER_J, [6, -18, 0], times), times, (3e-14, 1e-15), strict=True
-    ):
-        assert distance(R, reference.steady([6, -18, 0], t)) <= bound
-        assert np.array_equal(w, [6, -18, 0])
 
 
 @pytest.mark.parametrize("body", [nt.standard, nt.nontwisting])
@@ -190,28 +170,16 @@ def test_turns_of_which_no_digit_is_left_are_refused(body, integrator):
         solved([3, 4, 5], (0, 2e15, 0), [1.0])
 
 
-test_refusals = refused_as(
-    {
-        "not a body": lambda: nt.exact.free_standard([1, 1, 3], [1, 0, 0], [1]),
-        "no rotation": lambda: nt.exact.free_standard([1, 1, 1], [1, 0, 0], [1], 1.1 * np.eye(3)),
-        "not symmetric": lambda: nt.exact.symmetric_top([3, 4, 5], [1, 2, 3], [1]),
-        "nearly symmetric": lambda: nt.exact.symmetric_top([3e-5, 3.0001e-5, 5e-5], [1, 2, 3], [1]),
-        "not principal": lambda: nt.exact.free_nontwisting(FULL, [1, 0, 0], [1]),
-        "twisting": lambda: nt.exact.free_nontwisting(PAPER_J, [1, 0, 0.1], [1]),
-    }
-)
-
-
 TILTED = np.array([[3, 0.2, 0.4], [0.2, 4, -0.3], [0.4, -0.3, 5]])
 AXIS = np.array([0.3, 0.2, 1])
 W_SUSLOV = np.array([1.0, -2.0, 0.1])  # 0.3 - 0.4 + 0.1 = 0
 FINE = Continuous(rtol=1e-13, atol=1e-14)
 
 
-@pytest.mark.parametrize("scheme", ["energy-momentum", "lie-midpoint"])
-def test_the_discrete_schemes_in_closed_form(scheme):
+def test_the_discrete_scheme_in_closed_form():
+    """Of lie-midpoint; of energy-momentum: nontwist.validation."""
     W, h = [6, -18, 0], 0.02
-    run = nt.integrate(nt.nontwisting(PAPER_J), t_end=2, step=h, material_angular_velocity=W, integrator=scheme)
+    run = nt.integrate(nt.nontwisting(PAPER_J), t_end=2, step=h, material_angular_velocity=W, integrator="lie-midpoint")
     R, w = nt.exact.discrete_free(PAPER_J, W, h, 100)
     assert np.swapaxes(R, 1, 2) == pytest.approx(run.directors, abs=1e-13)
     assert np.array_equal(w, np.tile(W, (101, 1)))
@@ -271,30 +239,10 @@ def test_suslov_long_after_it_has_settled():
     assert back[:3] == pytest.approx(attitude[:3], abs=1e-8)
 
 
-def test_turn_of_frames_around_polygons_is_a_product_of_rotations():
-    rng = np.random.default_rng(1)
-    for n in (2, 3, 8):
-        u = rng.normal(size=(n, 3))
-        u /= np.linalg.norm(u, axis=1, keepdims=True)
-        turn = Rotation.identity()
-        for a, b in zip(u, np.roll(u, -1, axis=0), strict=True):
-            normal = np.cross(a, b)
-            size = np.linalg.norm(normal)
-            turn = Rotation.from_rotvec(np.arctan2(size, a @ b) * normal / size) * turn
-        assert turn.as_matrix() == pytest.approx(nt.rotations.exp(nt.exact.polygon_turn(u) * u[0]), abs=1e-13)
-    assert nt.exact.momentum_period([3, 3, 5], [1, 2, 3]) == pytest.approx(2 * np.pi / (2 / 3 * 3))
-
-
 ANOTHER = nt.DirectorSystem(euler_inertia([3, 4, 5]), [2, 0, 0])
 FREE = {
     "standard": (BODIES["standard"](), (1, -2, 0.5), None),
-    "nontwisting": (BODIES["nontwisting"](), (1, -2, 0), None),
     "another axis": (ANOTHER, (0, -2, 0.5), None),
-    "axis fixed under load": (
-        BODIES["nontwisting"](),
-        (1, -2, 0),
-        nt.pulse(PAPER_J @ [4, -8, 0], 0.3, 0.9) + nt.body_moment([0, 1, 2], [[0, 0, 1], [0, 0, 2], [0, 0, 0]]),
-    ),
     "another axis, under load": (ANOTHER, (0, -2, 0.5), nt.sine([1, -8, 2.5], 0.8)),
 }
 
@@ -329,8 +277,14 @@ def solved(body, load):
     return nt.integrate(body, load=load, integrator="exact", **how)
 
 
-test_refusals_of_others = refused_as(
+test_refusals = refused_as(
     {
+        "not a body": lambda: nt.exact.free_standard([1, 1, 3], [1, 0, 0], [1]),
+        "no rotation": lambda: nt.exact.free_standard([1, 1, 1], [1, 0, 0], [1], 1.1 * np.eye(3)),
+        "not symmetric": lambda: nt.exact.symmetric_top([3, 4, 5], [1, 2, 3], [1]),
+        "nearly symmetric": lambda: nt.exact.symmetric_top([3e-5, 3.0001e-5, 5e-5], [1, 2, 3], [1]),
+        "not principal": lambda: nt.exact.free_nontwisting(FULL, [1, 0, 0], [1]),
+        "twisting": lambda: nt.exact.free_nontwisting(PAPER_J, [1, 0, 0.1], [1]),
         "the axis moves": lambda: nt.exact.loaded_nontwisting(PAPER_J, [0, 1, 0], MOVE, [1]),
         "damping": lambda: nt.exact.loaded_momentum(PAPER_J, [0, 1, 0], MOVE + nt.damping(0.1), [1]),
         "before the start": lambda: nt.exact.loaded_momentum(PAPER_J, [0, 1, 0], MOVE, [1, 0], t_start=0.5),

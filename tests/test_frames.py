@@ -5,12 +5,11 @@ from functools import partial
 import mpmath
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
 from scipy.spatial.transform import Rotation
 
 from many_digits import exact, mp_cross, mp_dot
+from nontwist.exact import polygon_turn
 from nontwist.geometry.curves import frame_along, frame_of_curve
 from nontwist.geometry.frames import closed_frame, frame_error_estimate, holonomy, nontwisting_frame, solid_angle
 from nontwist.validation.frames import path as angles
@@ -57,54 +56,42 @@ def slope(counts, errors):
 
 
 def jittered(n):
-    steps = np.random.default_rng(n).uniform(0.3, 1.7, n)
-    return np.append(0, 3 * np.cumsum(steps) / steps.sum())
+    return uneven(np.random.default_rng(n).uniform(0.3, 1.7, n))
 
 
-def stopping(t):
-    return (t - 1.5) ** 3 / 1.5
+def uneven(steps):
+    return np.append(0, 3 * np.cumsum(steps) / np.sum(steps))
 
 
-@pytest.mark.parametrize(("grid", "clock", "tolerance"), [
-    (jittered, lambda t: t, 0.2), (lambda n: np.linspace(0.0137, 3, n + 1), stopping, 0.15),
-], ids=["jittered", "through a stop of d3"])  # fmt: skip
-def test_order_four(grid, clock, tolerance):
+# A long step between stays of a thousandth of it, each of several samples, has no curvature to go by.
+THOUSANDFOLD = [1, 1100], [1, 30, 900], [2, 1500, 2, 2.5]
+TIMES = {f"steps {steps}": lambda n, steps=steps: uneven(np.resize(steps, n)) for steps in THOUSANDFOLD}
+TIMES |= {"jittered": jittered, "through a stop of d3": lambda n: (np.linspace(0.0137, 3, n + 1) - 1.5) ** 3 / 1.5}
+
+
+@pytest.mark.parametrize("name", TIMES)
+def test_order_four(name):
     """On even samples and steps 1:2:4, and of order 2: nontwist.validation."""
     counts, errors = (160, 320, 640, 1280), []
-    for n in counts:
-        t = grid(n)
-        exact = transported(clock(t))
-        errors.append(np.abs(roll(nontwisting_frame(path(clock(t)), exact[0]), exact)).max())
-    assert slope(counts, errors) == pytest.approx(4, abs=tolerance)
-    assert clock is stopping or errors[-1] < 5e-10
-
-
-@pytest.mark.parametrize("steps", [[1, 1100], [1, 30, 900], [2, 1500, 2, 2.5]])
-def test_order_where_steps_differ_a_thousandfold(steps):
-    """A long step between stays of a thousandth of it, each of several samples, has no curvature to go by."""
-    errors = []
-    for n in (100, 200):
-        t = np.append(0, np.cumsum(np.resize(steps, n)))
-        t = 3 * t / t[-1]
+    for t in map(TIMES[name], counts):
         exact = transported(t)
         errors.append(np.abs(roll(nontwisting_frame(path(t), exact[0]), exact)).max())
-    assert np.log2(errors[0] / errors[1]) == pytest.approx(4, abs=0.1)
+    assert slope(counts, errors) == pytest.approx(4, abs=0.2)
+    assert name != "jittered" or errors[-1] < 5e-10
 
 
-@pytest.mark.parametrize("theta", [0.3, 1.9, 2.7])
+@pytest.mark.parametrize("theta", [0.3, 1.9])
 def test_latitude_circle(theta):
     """The polygon encloses what n triangles with the pole do; backwards, three times, about other poles as well."""
     n = 2001
     polygon = 2 * np.pi - 2 * n * np.arctan(np.cos(theta) * np.tan(np.pi / n))
     d3, three = latitude(theta, n), latitude(theta, 3 * n, turns=3)
     assert modulo(holonomy(d3[::-1]) + polygon) < 1e-12
-    assert -np.pi < holonomy(d3) <= np.pi
     assert modulo(solid_angle(d3) - polygon, 4 * np.pi) < 1e-12
-    assert -2 * np.pi < solid_angle(d3) <= 2 * np.pi
+    assert (abs(holonomy(d3)) < np.pi, abs(solid_angle(d3)) < 2 * np.pi) == (True, True)
     assert solid_angle(d3, pole=(0, 0, 5)) == pytest.approx(polygon, abs=1e-12)
-    assert solid_angle(three, pole=(0, 0, 1)) == pytest.approx(3 * polygon, abs=1e-11)
-    assert solid_angle(three[::-1], pole=(0, 0, 1)) == pytest.approx(-3 * polygon, abs=1e-11)
-    assert solid_angle(three, pole=(0, 0, -1)) == pytest.approx(3 * polygon - 12 * np.pi, abs=1e-11)
+    found = [solid_angle(three, pole=(0, 0, z)) for z in (1, -1)] + [solid_angle(three[::-1], pole=(0, 0, 1))]
+    assert found == pytest.approx([3 * polygon, 3 * polygon - 12 * np.pi, -3 * polygon], abs=1e-11)
 
 
 def octant(n):
@@ -128,40 +115,37 @@ def test_order_of_closed_frames_and_at_corners():
     assert slope(counts, errors) == pytest.approx(2, abs=0.1)
 
 
-@settings(max_examples=40, deadline=None, derandomize=True)
-@given(seed=st.integers(0, 2**31), size=st.sampled_from([1e-7, 1e-4, 1e-2, 1.0]))
-def test_triangle_areas_against_many_digits(seed, size):
+@pytest.mark.parametrize("size", [1e-7, 1e-4, 1e-2, 1.0])
+def test_triangle_areas_against_many_digits(size):
     """L'Huilier's sum of angles at 60 digits: another formula, another arithmetic."""
-    rng = np.random.default_rng(seed)
-    points = rng.normal(size=3) + size * rng.normal(size=(3, 3))
-    points /= np.linalg.norm(points, axis=1)[:, None]
-    with mpmath.workdps(60):
-        a, b, c = (exact(v) / mpmath.norm(exact(v)) for v in points)
-        sides = [mpmath.acos(mp_dot(u, v)) for u, v in ((b, c), (c, a), (a, b))]
-        s = sum(sides) / 2
-        product = mpmath.tan(s / 2) * mpmath.fprod(mpmath.tan((s - side) / 2) for side in sides)
-        expected = float(4 * mpmath.atan(mpmath.sqrt(product)) * mpmath.sign(mp_dot(a, mp_cross(b, c))))
-    # Points known to an ulp have an area known to their distance times an ulp.
-    reach = np.abs(points - points[0]).max()
-    with np.errstate(all="raise"):
-        assert solid_angle(points) == pytest.approx(expected, abs=1e-15 * reach + 1e-13 * reach**2)
+    for seed in range(5):
+        rng = np.random.default_rng(seed)
+        points = rng.normal(size=3) + size * rng.normal(size=(3, 3))
+        points /= np.linalg.norm(points, axis=1)[:, None]
+        with mpmath.workdps(60):
+            a, b, c = (exact(v) / mpmath.norm(exact(v)) for v in points)
+            sides = [mpmath.acos(mp_dot(u, v)) for u, v in ((b, c), (c, a), (a, b))]
+            s = sum(sides) / 2
+            product = mpmath.tan(s / 2) * mpmath.fprod(mpmath.tan((s - side) / 2) for side in sides)
+            expected = float(4 * mpmath.atan(mpmath.sqrt(product)) * mpmath.sign(mp_dot(a, mp_cross(b, c))))
+        # Points known to an ulp have an area known to their distance times an ulp.
+        reach = np.abs(points - points[0]).max()
+        with np.errstate(all="raise"):
+            assert solid_angle(points) == pytest.approx(expected, abs=1e-15 * reach + 1e-13 * reach**2)
 
 
-@settings(max_examples=30, deadline=None, derandomize=True)
-@given(seed=st.integers(0, 2**31), n=st.integers(3, 9))
 @pytest.mark.filterwarnings("ignore:.*right angle:UserWarning")
-def test_polygon_invariants(seed, n):
-    d3 = np.random.default_rng(seed).normal(size=(n, 3))
-    d3 /= np.linalg.norm(d3, axis=1)[:, None]
-    turn, area = Rotation.random(rng=seed).as_matrix(), solid_angle(d3)
-    for same in (np.roll(d3, 2, axis=0), d3 @ turn.T, np.repeat(d3, 2, axis=0)):
-        assert modulo(solid_angle(same) - area, 4 * np.pi) < 1e-12
-    assert modulo(solid_angle(d3[::-1]) + area, 4 * np.pi) < 1e-12
-    assert modulo(solid_angle(d3, pole=turn[0]) - area, 4 * np.pi) < 1e-12
-    halves = solid_angle(d3[:3]) + solid_angle(d3[[0, *range(2, n)]])
-    assert modulo(halves - area, 4 * np.pi) < 1e-12
-    assert modulo(holonomy(d3) - area) < 1e-12
-    assert modulo(closed_frame(d3, order=2)[1] - area) < 1e-11
+def test_polygon_invariants():
+    for seed in range(14):
+        n, turn = 3 + seed % 7, Rotation.random(rng=seed).as_matrix()
+        d3 = np.random.default_rng(seed).normal(size=(n, 3))
+        d3 /= np.linalg.norm(d3, axis=1)[:, None]
+        area, halves = solid_angle(d3), solid_angle(d3[:3]) + solid_angle(d3[[0, *range(2, n)]])
+        same = [*map(solid_angle, (np.roll(d3, 2, axis=0), d3 @ turn.T, np.repeat(d3, 2, axis=0))), halves]
+        same += [-solid_angle(d3[::-1]), solid_angle(d3, pole=turn[0])]
+        assert modulo(np.array(same) - area, 4 * np.pi) < 1e-12
+        assert modulo(np.array([holonomy(d3), polygon_turn(d3)]) - area) < 1e-12
+        assert modulo(closed_frame(d3, order=2)[1] - area) < 1e-11
 
 
 def test_vertices_at_the_poles_are_not_special():
@@ -239,17 +223,6 @@ def test_the_first_d1():
     assert_allclose(nontwisting_frame(d3, 1e-300 * wish), frames, atol=1e-14)
 
 
-def test_constant_directors():
-    d3 = np.broadcast_to([0.6, 0.0, 0.8], (50, 3))
-    for order in (2, 4):
-        closed, angle = closed_frame(d3, order=order)
-        assert angle == pytest.approx(0.0, abs=1e-15)
-        for frames in (nontwisting_frame(d3, order=order), closed):
-            assert_allclose(frames, np.broadcast_to(frames[0], frames.shape), atol=1e-15)
-    assert holonomy(d3) == solid_angle(d3) == 0.0
-    assert frame_error_estimate(d3).max() < 1e-14
-
-
 @pytest.mark.parametrize("noise", [0.0, 1e-15, 1e-12, 1e-8])
 def test_order_four_survives_repeated_and_nearly_repeated_samples(noise):
     """And near repetitions change no other frame."""
@@ -303,7 +276,7 @@ def test_frame_along_a_function():
     assert_allclose(frames[:, 2], path(times), atol=2e-16)
     long, short = frame_along(lambda t: (1 + 9e-10) * path(t), [2.0]), nontwisting_frame([(1 - 9e-10) * path(2.0)])
     assert_allclose(long, short, atol=3e-16)
-    for turns in (8, 32, 64):  # many turns between two output times, as many as samples at the start
+    for turns in (8, 32):  # many turns between two output times, as many as samples at the start
         ends = frame_along(lambda t: sphere(0.7, 2 * np.pi * turns * t), [0.0, 1.0], rtol=1e-6)  # noqa: B023
         assert modulo(roll(ends[1], ends[0, 0]) - 2 * np.pi * turns * (1 - np.cos(0.7))) < 1e-6
 
@@ -367,11 +340,13 @@ def test_frames_of_curves_in_any_unit_of_length(size):
 
 
 @pytest.mark.parametrize("order", [2, 4])
-@pytest.mark.parametrize("size", [1e-104, 1e-108, 1e-158, 1e-300])
+@pytest.mark.parametrize("size", [0.0, 1e-104, 1e-108, 1e-158, 1e-300])
 def test_directors_that_move_by_next_to_nothing(size, order):
     d3 = np.insert(size * np.random.default_rng(0).standard_normal((100, 2)), 2, 1, axis=1)
-    for frames in (nontwisting_frame(d3, order=order), closed_frame(d3, order=order)[0]):
+    closed, angle = closed_frame(d3, order=order)
+    for frames in (nontwisting_frame(d3, order=order), closed):
         assert_allclose(frames, np.broadcast_to(AXES, frames.shape), atol=1e-15)
+    assert [angle, holonomy(d3), solid_angle(d3)] == pytest.approx([0, 0, 0], abs=1e-15)
     assert frame_error_estimate(d3, order=order).max() < 1e-14
 
 
@@ -408,14 +383,3 @@ def test_directors_that_are_nearly_wrong(order):
     with pytest.warns(UserWarning, match=r"d3\[2\] is more than a right angle") as caught:
         nontwisting_frame(sphere(np.array([0.0, 0.5, 0.5 + 1.58]), 0.0))
     assert caught[0].filename == __file__
-
-
-@pytest.mark.parametrize("order", [2, 4])
-def test_great_circle_is_exact(order):
-    t = np.linspace(0, 40, 5001)
-    turn = Rotation.from_rotvec([0.3, -0.5, 0.8]).as_matrix()
-    d3 = np.stack([np.cos(t), np.sin(t), 0 * t], -1) @ turn.T
-    tangent = np.stack([-np.sin(t), np.cos(t), 0 * t], -1) @ turn.T
-    frames = nontwisting_frame(d3, tangent[0], order=order)
-    assert_allclose(frames[:, 0], tangent, atol=1e-13)
-    assert_allclose(frames[:, 1], np.broadcast_to(turn[:, 2], (5001, 3)), atol=1e-13)

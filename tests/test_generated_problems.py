@@ -3,9 +3,7 @@
 import json
 import signal
 import warnings
-from collections.abc import Callable
 from functools import partial
-from typing import NamedTuple
 from unittest.mock import patch
 
 import numpy as np
@@ -21,14 +19,8 @@ from nontwist.inertia import convected_inertia
 from nontwist.integrators import INTEGRATORS, continuous
 from nontwist.models.equations import constraint_matrices
 
-LIMITS = {
-    "CHECK_EVERY": 100,
-    "PATIENCE": 100,
-    "MOST": 2e3,
-}  # of SciPy's solvers, given up where they would need more: seconds
+LIMITS = {"CHECK_EVERY": 100, "PATIENCE": 100, "MOST": 2e3}  # of SciPy's solvers, which would else take longer
 LONGEST = 1200  # s of processor time, after which a problem is said to hang, on the slowest machine
-
-
 UNFIT = {"suslov": ("split", "exact"), "heavy_top": ("exact",), "heavy nontwisting": ("exact",)}
 
 
@@ -80,32 +72,25 @@ def bad(t, directors, w):
     return (1 / (t - 0.5), 0.0, np.sqrt(0.5 - t))
 
 
-class Term(NamedTuple):
-    """How to make a term of a load."""
-
-    kind: str
-    make: Callable
-
-
 @st.composite
 def terms(draw, t_end, size):
-    """A term of every kind."""
+    """The kind of a term, and how to make it."""
     kind = draw(st.sampled_from(["table", "pulse", "sine", "damping", "compiled", "python"]))
     m, frame = size * draw(vectors), draw(st.sampled_from(["body", "space"]))
     if kind == "table":
         times = np.linspace(0, draw(st.floats(0.1, 1.5)) * t_end, draw(st.integers(2, 6)))
         values = np.outer(np.cos(5 * times / t_end), m)
-        return Term(kind, partial(nt.body_moment if frame == "body" else nt.space_moment, times, values))
+        return kind, partial(nt.body_moment if frame == "body" else nt.space_moment, times, values)
     if kind == "pulse":
         start = draw(st.floats(-0.5, 1.2)) * t_end
         shape = draw(st.sampled_from(["triangle", "rectangle", "half-sine"]))
-        return Term(kind, partial(nt.pulse, m, start, start + draw(powers(-3, 0)) * t_end, shape=shape, frame=frame))
+        return kind, partial(nt.pulse, m, start, start + draw(powers(-3, 0)) * t_end, shape=shape, frame=frame)
     if kind == "sine":
-        return Term(kind, partial(nt.sine, m, draw(powers(-2, 2)) / t_end, frame=frame))
+        return kind, partial(nt.sine, m, draw(powers(-2, 2)) / t_end, frame=frame)
     if kind == "damping":
-        return Term(kind, partial(nt.damping, size * t_end * draw(powers(-3, 2))))
+        return kind, partial(nt.damping, size * t_end * draw(powers(-3, 2)))
     function = draw(st.sampled_from([drag, pull] if kind == "compiled" else [drag, pull, bad]))
-    return Term(kind, lambda: size * (compiled_load if kind == "compiled" else nt.moment)(function))
+    return kind, lambda: size * (compiled_load if kind == "compiled" else nt.moment)(function)
 
 
 @st.composite
@@ -136,7 +121,7 @@ def problems(draw):
     else:
         arguments["store"] = draw(st.sampled_from([1, 1, 3, "end"]))
     loads = draw(st.lists(terms(t_end, size), max_size=3 if name != "exact" or draw(st.integers(0, 9)) == 0 else 0))
-    if any(term.kind == "python" for term in loads):  # 0.1 ms a step and more
+    if any(kind == "python" for kind, _ in loads):  # 0.1 ms a step and more
         arguments |= {"step": t_end / 5} if "step" in arguments else {}
     return body, loads, arguments
 
@@ -161,8 +146,7 @@ def check(run):
     if body.axis is not None:
         check_twist(run, body, scheme)
     rounding, rounding_of_energy = roundings(run, body, scheme)
-    every = run.sizes["time"] > 1 and np.diff(run["time"]).max() < 1.5 * run.attrs.get("step", np.inf)
-    if json.loads(run.attrs["load"]) and not every:
+    if json.loads(run.attrs["load"]) and not has_every_step(run):
         return  # what came and went between two stored states, and with it the round-off, is not seen
     K, V, A = run["kinetic_energy"].values, run["potential_energy"].values, np.append(0, run["load_work"].values)
     if scheme != "split" or not body.dead_force.any():
@@ -214,14 +198,14 @@ def check_twist(run, body, scheme):
     """No twist at the nodes; in the paper's scheme, whose velocities at the nodes alternate, between them."""
     if scheme != "energy-momentum":
         assert abs(run["twist_rate"].values).max() <= 1e-8 * abs(run["angular_velocity"].values).max() + 1e-290
-    elif json.loads(run.attrs["integrator"])["order"] == 2 and run.sizes["time"] > 1 and _has_every_step(run):
+    elif json.loads(run.attrs["integrator"])["order"] == 2 and has_every_step(run):
         q = run["directors"].values
         A = constraint_matrices(body.axis)[-1]
         assert abs(np.sum(A @ (q[1:] + q[:-1]) / 2 * (q[1:] - q[:-1]), axis=(1, 2))).max(initial=0) <= 1e-14
 
 
-def _has_every_step(run):
-    return np.diff(run["time"]).max() < 1.5 * run.attrs["step"]
+def has_every_step(run):
+    return run.sizes["time"] > 1 and np.diff(run["time"]).max() < 1.5 * run.attrs.get("step", np.inf)
 
 
 def late(number, frame):
@@ -238,7 +222,7 @@ def end_of(problem):
         with warnings.catch_warnings(), patch.multiple(continuous, **LIMITS):
             warnings.simplefilter("error")
             warnings.simplefilter("ignore", UserWarning)
-            run = nt.simulate(body(), load=sum((term.make() for term in loads), nt.Load()), **arguments)
+            run = nt.simulate(body(), load=sum((make() for _, make in loads), nt.Load()), **arguments)
             check_done(run, arguments)
             check(run)
     except (ValueError, SimulationError) as error:

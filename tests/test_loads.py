@@ -9,6 +9,7 @@ import sys
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from functools import cache
+from itertools import islice
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Annotated
@@ -22,7 +23,7 @@ import nontwist as nt
 from conftest import BODIES, thinned
 from nontwist.analysis.invariants import drifts
 from nontwist.geometry.arrays import Array
-from nontwist.loads import LOADS, DirectorForces, Potential, Term
+from nontwist.loads import LOADS, Potential, Term
 from nontwist.loads.kinds import load_of
 from nontwist.runfile import read_run_file
 from nontwist.runfile.document import json_schema
@@ -45,20 +46,19 @@ def test_moments_of_time_and_where_they_break():
     assert wave.sample([0.2], "space")[0] == pytest.approx([0, 2 * np.sin(6 * np.pi * 0.2 + 0.3), 0])
 
 
-@pytest.mark.parametrize(("shape", "impulse"), [("triangle", 1 / 2), ("rectangle", 1), ("half-sine", 2 / np.pi)])
-def test_pulses_have_the_impulse_of_their_shape(shape, impulse):
-    load = nt.pulse([2, 0, 0], 1, 3, shape=shape)
-    t = 1 + 2 * (np.arange(20000) + 0.5) / 20000
-    assert load.sample(t, "body").mean(0)[0] * 2 == pytest.approx(4 * impulse, rel=1e-7)
+SHAPES = {
+    "triangle": (lambda s: np.minimum(2 * s, 2 - 2 * s), (1, 2, 3)),  # the paper's f
+    "rectangle": (np.ones_like, (1, 3)),
+    "half-sine": (lambda s: np.sin(np.pi * s), (1, 3)),
+}
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_pulses_have_their_shape(shape):
+    load, t, (f, kinks) = nt.pulse([2, 0, 0], 1, 3, shape=shape), np.linspace(1, 2.99, 50), SHAPES[shape]
+    assert load.sample(t, "body") == pytest.approx(np.outer(f((t - 1) / 2), [2, 0, 0]), abs=1e-15)
     assert not load.sample([0.999, 3.0, 4], "body").any()
-    assert (load.breakpoints[0], load.breakpoints[-1]) == (1, 3)
-
-
-def test_the_triangle_is_the_papers_f():
-    t = np.array([0.1, 0.25, 0.5, 0.75, 0.9, 1.0])
-    f = np.where(t < 0.5, 2 * t, np.where(t < 1, 2 - 2 * t, 0))
-    assert nt.pulse([1, 0, 0]).sample(t, "body")[:, 0] == pytest.approx(f, abs=1e-15)
-    assert nt.pulse([1, 0, 0]).breakpoints == (0, 0.5, 1)
+    assert load.breakpoints == kinks
 
 
 def test_sums_and_multiples():
@@ -81,16 +81,15 @@ def test_damping_in_body_components():
     assert nt.damping(0.5).state_moment(0, q, w) == pytest.approx(-0.5 * w)
 
 
-def test_a_load_cannot_change_the_state():
-    def careless(t, directors, w):
-        w[:] = 0
-        directors[:] = 0
-        return w
+def careless(t, directors, w):
+    w[:] = directors[:] = 0
+    return w
 
+
+def test_a_load_cannot_change_the_state():
     q, w = np.eye(3), np.ones(3)
     nt.moment(careless).state_moment(0, q, w)
-    assert w.all()
-    assert q.any()
+    assert (q.sum(), w.sum()) == (3, 3)
 
 
 STATE = 0.25, np.eye(3), np.zeros(3)
@@ -240,9 +239,12 @@ def test_a_load_that_is_registered_later_is_known_everywhere(magnet, tmp_path):
     for k in range(3):
         one = nt.simulate(run_file.problem, load=magnet([0.3, k, 1.2], [0, 1, -2]))
         assert found[k] == pytest.approx(one.material_angular_velocity.values[-1], abs=1e-14)
-    rows = [row for row in conserved.balances() if row.name.endswith("K + V changes by the work of the load 'magnet'")]
-    assert [row.name.partition(":")[0] for row in rows] == ["lie-midpoint", "energy-momentum"]
-    assert all(row.holds for row in rows)
+    with patch.object(conserved, "sample_bodies", lambda: {"standard": BODIES["standard"]()}):
+        rows = list(islice(conserved.balances(), 2, 4))  # behind those of the package
+    words = [
+        f"{scheme}: K + V changes by the work of the load 'magnet'" for scheme in ("lie-midpoint", "energy-momentum")
+    ]
+    assert [(row.name, row.holds) for row in rows] == [(one, True) for one in words]
     assert conserved.unchecked() == []
 
 
@@ -266,25 +268,26 @@ def test_a_load_knows_when_it_may_act():
     assert (nt.Load().support.size, nt.Load().end, table.end) == (0, -np.inf, 7)
 
 
-@pytest.mark.parametrize(
-    ("scheme", "times"),
-    [(("lie-midpoint", 2), [0.5]), (("energy-momentum", 2), [0.5]), (("gauss", 4), 0.5 + np.array([-1, 1]) / 12**0.5)],
-)
+MIDDLE, OF_GAUSS = [0.5], 0.5 + np.array([-1, 1]) / 12**0.5
+STAGES = {("lie-midpoint", 2): (MIDDLE, 1), ("energy-momentum", 2): (MIDDLE, 1), ("gauss", 4): (OF_GAUSS, 1.2)}
+
+
+@pytest.mark.parametrize("scheme", STAGES)
 @pytest.mark.filterwarnings("ignore:the load .* runs in Python")
-def test_a_function_is_called_at_the_stages_with_directors_that_are_no_unit_vectors(scheme, times):
+def test_a_function_is_called_at_the_stages_with_directors_that_are_no_unit_vectors(scheme):
     """Steps turn by about 0.46 rad: the mean of directors at both ends has the length cos(0.23) = 0.97."""
-    fractions, lengths, (integrator, order) = [], [], scheme
+    fractions, lengths, (times, longest) = [], [], STAGES[scheme]
 
     def recording(t, directors, w):
         fractions.append(round(t / 0.2 % 1, 9))
         lengths.extend(np.linalg.norm(directors, axis=1))
         return -0.1 * w
 
-    how = {"step": 0.2, "integrator": integrator, "order": order, "material_angular_velocity": (1, 2, 0.5)}
+    how = {"step": 0.2, "integrator": scheme[0], "order": scheme[1], "material_angular_velocity": (1, 2, 0.5)}
     nt.integrate(nt.standard([3, 4, 5]), t_end=1, load=nt.moment(recording), **how)
     assert sorted(set(fractions)) == pytest.approx(times, abs=1e-8)
     assert 0.95 < min(lengths) < 1
-    assert (1 < max(lengths) < 1.2) if integrator == "gauss" else max(lengths) < 1
+    assert longest - 0.2 < max(lengths) < longest
     assert len(lengths) / 3 > 4 * 5 * len(times)
 
 
@@ -330,16 +333,6 @@ class Wave(Term):
 
 
 @dataclass(frozen=True, eq=False)
-class Tips(DirectorForces):
-    """A dead force on each director."""
-
-    tips: Annotated[Array, Spec("in space, a row for each director", unit="N m", shape=(3, 3))]
-
-    def forces(self, t, directors, angular_velocity):
-        return self.tips
-
-
-@dataclass(frozen=True, eq=False)
 class Ruled(Wave):
     """One with more fields."""
 
@@ -355,17 +348,13 @@ def test_fields_of_ones_own_are_what_their_rules_say(wrong):
         Ruled(**good | wrong)
 
 
-KINDS = {"needle": Needle, "cord": Cord, "wave": Wave, "tips": Tips}
-SPRING = nt.spring(3, (0, 0.2, 1), (1, 0.5, 1), 0.8)
+KINDS = {"needle": Needle, "cord": Cord, "wave": Wave}
+SPRING, CORD = nt.spring(3, (0, 0.2, 1), (1, 0.5, 1), 0.8), Cord(3, (0, 0.2, 1), 0.8)
+WAVE = Wave((1, 2, 3), 0.7)
 PAIRS = {  # a load, that of the package, and a number of the first as one of the other, and how many times it changes
     "needle": (Needle(DIPOLE, FIELD), nt.dipole(DIPOLE, FIELD), {"needle[2]": ("linear[2]", -1)}),
-    "cord": (Cord(3, (0, 0.2, 1), 0.8), SPRING, {"cord": ("stiffness", 1), "rest": ("rest_length", 1)}),
-    "wave": (
-        Wave((1, 2, 3), 0.7),
-        nt.sine((1, 2, 3), 0.7, frame="space"),
-        {"wave[y]": ("sine[y]", 1), "rate": ("frequency", 1)},
-    ),
-    "tips": (Tips(np.outer(DIPOLE, FIELD)), nt.dipole(DIPOLE, FIELD), {}),
+    "cord": (CORD, SPRING, {"cord": ("stiffness", 1), "rest": ("rest_length", 1)}),
+    "wave": (WAVE, nt.sine((1, 2, 3), 0.7, frame="space"), {"wave[y]": ("sine[y]", 1), "rate": ("frequency", 1)}),
 }
 
 
@@ -401,30 +390,22 @@ def test_it_moves_the_body_as_that_of_the_package_and_has_its_derivatives(name, 
 @pytest.mark.parametrize("scheme", ["lie-midpoint", "energy-momentum"])
 def test_a_potential_of_ones_own_is_conserved(scheme):
     """By a discrete gradient of its text; its axes are three, so that no momentum is."""
-    run = nt.simulate(nt.standard(J), t_end=20, step=0.1, load=Cord(3, (0, 0.2, 1), 0.8), integrator=scheme, **START)
+    run = nt.simulate(nt.standard(J), t_end=20, step=0.1, load=CORD, integrator=scheme, **START)
     total = run.kinetic_energy + run.potential_energy
     assert abs(total - total[0]).max() < 1e-12
     assert set(drifts(run)) == {"total_energy", "orthonormality"}
 
 
 @pytest.mark.usefixtures("registered")
-def test_other_ways_to_run():
-    """Sums, records, ensembles, propagators and their Jacobians, gradients, comparisons, views."""
-    body, load = nt.standard(J), Needle(DIPOLE, FIELD) + nt.damping(0.1) - 0.5 * Wave((1, 2, 3), 0.7)
-    how = {"t_end": 1, "step": 0.1, "load": load}
-    run = nt.simulate(body, **how, **START)
-    assert load == load_of(json.loads(run.attrs["load"]))
-    needle = {"kind": "state", "scale": 1.0, "needle": DIPOLE.tolist(), "field": FIELD.tolist()}
-    assert json.loads(run.attrs["load"])[0] == needle
-    many = nt.simulate_ensemble(body, **how, **START, load_scale=[1.0, 2.0])
-    assert abs(many.quaternion[0, -1] - run.quaternion[-1]).max() < 1e-14
-    wrt, last = ["needle", "rate"], np.zeros((11, 3))
+def test_fields_are_parameters_in_every_way_to_run():
+    body, load = nt.standard(J), Needle(DIPOLE, FIELD) + nt.damping(0.1) - 0.5 * WAVE
+    how, wrt, last = {"t_end": 1, "step": 0.1, "load": load}, ["needle", "rate"], np.zeros((11, 3))
     d = nt.sensitivities(body, wrt=wrt, **how, **START)
+    assert load == load_of(json.loads(d.attrs["load"]))
     for given, one in zip(nt.propagator(body, **how).jacobian(wrt=wrt, **START), NAMES, strict=True):
         assert given[-1] == pytest.approx(d[one].values[-1], abs=1e-14)
     last[-1] = 1, -2, 0.5
     g = nt.gradient(body, wrt=wrt, d_rotation=last, **how, **START)
     assert g.gradient.values == pytest.approx(last[-1] @ d.d_rotation.values[-1], abs=1e-13)
-    data = nt.compare(body, t_end=1, load=load, steps=[0.1], integrators=["gauss", "split"], repeats=1, **START)
-    assert (data.status == 0).all()
-    assert "needle: needle (0.3, −0.5, 1.2) A m², field (0.6, 1, −2) T" in nt.view(run).html
+    many = nt.simulate_ensemble(body, **how, **START, load_scale=[1.0, 2.0])
+    assert abs(many.quaternion[0, -1] - d.quaternion[-1]).max() < 1e-14

@@ -90,18 +90,17 @@ def test_without_spin_the_bits_are_those_of_the_non_twisting_body():
     how = {"t_end": 2, "step": 0.05, "material_angular_velocity": W0}
     plain = nt.simulate(nt.nontwisting([3, 4, 5]), **how)
     for zero in (0, 0.0, ([0, 1], [0, 0])):
-        assert nt.nontwisting([3, 4, 5], spin=zero).spin is None
-        assert (
-            nt.simulate(nt.nontwisting([3, 4, 5], spin=zero), **how).quaternion.values == plain.quaternion.values
-        ).all()
+        body = nt.nontwisting([3, 4, 5], spin=zero)
+        assert body.spin is None
+        assert nt.simulate(body, **how).quaternion.equals(plain.quaternion)
     beside = nt.simulate_ensemble(nt.DirectorSystem.stack([nt.nontwisting([3, 4, 5], spin=c) for c in (0, 1)]), **how)
     assert abs(beside.material_angular_velocity[0, -1] - plain.material_angular_velocity[-1]).max() < 1e-14
 
 
-@pytest.mark.parametrize("scheme", ["gauss", "lie-midpoint", "continuous"])
+@pytest.mark.parametrize("scheme", ["gauss", "lie-midpoint"])
 def test_members_of_several_spins_are_runs(scheme):
     rates = np.linspace(-1, 3, 9)
-    how = {"t_end": 2, "step": 0.05, "integrator": scheme, "material_angular_velocity": W0}
+    how = {"t_end": 0.5, "step": 0.05, "integrator": scheme, "material_angular_velocity": W0}
     one = nt.simulate(nt.nontwisting([3, 4, 5], spin=rates[3]), **how)
     E, axis = np.tile(np.diag([3.0, 2, 1]), (9, 1, 1)), np.tile([0.0, 0, 1], (9, 1))
     stack = nt.DirectorSystem.stack([nt.nontwisting([3, 4, 5], spin=c) for c in rates])
@@ -192,8 +191,6 @@ def test_newton_solves_stages_with_a_spin_that_changes():
     """Where damping is strong, against SciPy on the continuous equations."""
     how = {"t_end": 1, "load": nt.damping(200), "material_angular_velocity": (1, 2, TABLE[1][0])}
     body = nt.nontwisting([[3, -1 / 7, 0], [-1 / 7, 4, 0], [0, 0, 5]], spin=TABLE)
-    run, exact = (
-        nt.simulate(body, step=0.1, order=8, **how),
-        nt.simulate(body, integrator="continuous", times=[0, 1], **how),
-    )
+    run = nt.simulate(body, step=0.1, order=8, **how)
+    exact = nt.simulate(body, integrator="continuous", times=[0, 1], **how)
     assert (nt.rotation(run)[-1].inv() * nt.rotation(exact)[-1]).magnitude() < 1e-5

@@ -1,16 +1,14 @@
 """Generated problems: every accepted pair of body, load, integrator, output, start and way to run, and its numbers.
 
-All motions last 3 s and have numbers of order 1 in SI units. `Problem` names a choice of every factor, `numbers` runs
-it with public names of the package alone, `covering` makes the array of problems.
+All motions last 3 s and have numbers of order 1 in SI units. `Problem` names a choice of every factor, `outcome` runs
+it with public names of the package alone.
 """
 
 from __future__ import annotations
 
 import ctypes
 import warnings
-from collections import Counter
 from functools import cache, partial
-from itertools import combinations, product
 from typing import NamedTuple
 
 import numpy as np
@@ -184,30 +182,14 @@ STARTS = {  # arguments, the number of steps
 }
 
 
-def changed_start(start, change):
-    """Return the arguments of a start, with its velocity and its attitude changed by a relative `change`."""
-    given = dict(STARTS[start][0])
-    if change:
-        for name in {"material_angular_velocity", "angular_velocity"} & set(given):
-            given[name] = given[name] * (1 + change * np.array([1, -0.7, 0.4]))
-        R = Rotation.from_rotvec(change * np.array([0.5, -0.6, 1]))
-        if given.pop("scalar_first", False):
-            R = Rotation.from_quat(P, scalar_first=True) * R
-        elif "rotation" in given:
-            R = Rotation.from_matrix(given["rotation"]) * R
-        given["rotation"] = R
-    return given
-
-
-def arguments(problem, change=0.0):
+def arguments(problem):
     """Return the body and the arguments of `simulate` for a problem, `start` and `project` among them."""
-    scheme, body = schemes()[problem.scheme], BODIES[problem.body](1.0)
-    start, count = changed_start(problem.start, change), STARTS[problem.start][1]
+    scheme, body, (start, count) = schemes()[problem.scheme], BODIES[problem.body](1.0), STARTS[problem.start]
+    start = dict(start)
     t = start.pop("t_start", 0.0)
     if problem.start == "run":
-        first = {"material_angular_velocity": W, "rotation": start.get("rotation")}
         how = {"t_end": 0.5, "step": 0.1, "integrator": scheme, "project": True}
-        start, t = {"start": nt.integrate(body, **first, **how)}, 0.5
+        start, t = {"start": nt.integrate(body, material_angular_velocity=W, **how)}, 0.5
     elif t:
         start["t_start"] = t
     how = {"t_end": t + SPAN, "step": SPAN / count, "load": made_load(problem.load), "integrator": scheme}
@@ -385,18 +367,13 @@ WAYS = {
 DIFFERENTIATED = ("jacobian", "sensitivities", "gradient", "lyapunov")
 
 
-def numbers(problem, change=0.0):
-    """Return the arrays that a problem gives, by name, with its start changed by a relative `change`."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)
-        found = WAYS[problem.way](problem, *arguments(problem, change))
-    return {name: np.asarray(array) for name, array in found.items()}
-
-
-def outcome(problem, change=0.0):
-    """Return the arrays of a problem; the name of the error where the package refuses it, or where it fails."""
+def outcome(problem):
+    """Return the arrays of a problem by name, or the name of the error in which it is refused or fails."""
     try:
-        return numbers(problem, change)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)
+            found = WAYS[problem.way](problem, *arguments(problem))
+        return {name: np.asarray(array) for name, array in found.items()}
     except (ValueError, nt.errors.SimulationError) as error:
         return type(error).__name__
     except TypeError as error:  # there is no such argument
@@ -408,64 +385,3 @@ def outcome(problem, change=0.0):
 def factors():
     """Return the names of the choices of every factor."""
     return [list(BODIES), list(LOADS), list(schemes()), list(OUTPUTS), list(STARTS), list(WAYS)]
-
-
-def pairs_of(row):
-    """Return the pairs of choices that a row meets, each ((factor, choice), (factor, choice))."""
-    return set(combinations(enumerate(row), 2))
-
-
-def with_pair(row, pair):
-    """Return a row with the two choices of a pair."""
-    row = list(row)
-    for i, name in pair:
-        row[i] = name
-    return tuple(row)
-
-
-PLAIN = [
-    ("principal axes", "none", "gauss 4", "all", "velocity", "run"),
-    ("standard", "body sine", "lie-midpoint 2", "all", "velocity", "run"),
-    ("nontwisting", "none", "energy-momentum 2", "ends", "velocity", "sensitivities"),
-    ("standard", "damping", "gauss 8", "times", "velocity", "run"),
-]
-
-
-def covering(is_accepted, seed=1, tried=60, patience=6):
-    """Return an array in which every accepted pair of choices appears, and rows with each refused pair.
-
-    Greedy: of some random rows with an open pair, the one with the most open pairs is next. Where it is refused, its
-    open pairs are tried beside plain choices of the other factors. A pair that none of these rows accepts is refused; a
-    pair that was in too many refused rows is met by its plain row.
-    """
-    rng, names = np.random.default_rng(seed), factors()
-    whole = range(len(names))
-    choices = [[(i, name) for name in names[i]] for i in whole]
-    still_open = dict.fromkeys(pair for i, j in combinations(whole, 2) for pair in product(choices[i], choices[j]))
-    rows, refused, failures, accepted = [], {}, Counter(), cache(is_accepted)
-
-    def take(row):
-        rows.append(row)
-        for pair in pairs_of(row):
-            still_open.pop(pair, None)
-
-    while still_open:
-        some, drawn = list(still_open), [(0, with_pair(PLAIN[0], next(iter(still_open))))]
-        for k in rng.integers(len(some), size=tried):
-            row = with_pair([names[i][rng.integers(len(names[i]))] for i in whole], some[k])
-            met = pairs_of(row)
-            if not met & refused.keys():
-                drawn.append((len(met & still_open.keys()), row))
-        row = max(drawn)[1]
-        if accepted(row):
-            take(row)
-            continue
-        for pair in sorted(pairs_of(row) & still_open.keys()):
-            failures[pair] += 1
-            plain_row = next((one for one in (with_pair(other, pair) for other in PLAIN) if accepted(one)), None)
-            if plain_row is None:
-                refused[pair] = with_pair(PLAIN[0], pair)
-                del still_open[pair]
-            elif failures[pair] > patience and pair in still_open:
-                take(plain_row)
-    return rows, sorted(set(refused.values()))

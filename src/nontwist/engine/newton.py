@@ -75,7 +75,9 @@ def solve(
         if known is not None:
             known.add(equations_at, found, is_constrained)
         return found
-    v = Variables(y=guess, active=is_active, diverged=is_active & False, used=0.0, residual=0.0, before=-1.0, turned=0.0, count=0)
+    v = Variables(
+        y=guess, active=is_active, diverged=is_active & False, used=0.0, residual=0.0, before=-1.0, turned=0.0, count=0
+    )
     v.A = ((0.0, 0.0),) * 2 if is_constrained else Matrix(*((0.0,) * 3,) * 3)
 
     def iterate(y: Vector, is_new: Any, is_late: Any) -> None:

@@ -24,7 +24,11 @@ typer.testing._get_command = cache(typer.testing._get_command)  # makes all comm
 
 
 def pytest_configure(config):
-    """Compile for the quick suite in a third of the time: other registers, the same bits (`test_machine_code`)."""
+    """Compile for the quick suite in a third of the time: other registers, the same bits (`test_machine_code`).
+
+    No test cuts the power: nothing is forced to the disk.
+    """
+    os.fsync = lambda file: None
     if config.option.markexpr == "not long":
         machine_code.LEVEL = 0
 
@@ -86,6 +90,11 @@ def thinned(every, *values):
     """Return all combinations: every first of `every` for the quick suite, the others for the long one alone."""
     cases = enumerate(product(*values))
     return [pytest.param(*case, marks=[pytest.mark.long] * (k % every > 0)) for k, case in cases]
+
+
+def or_long(quick, long):
+    """The cases of the quick suite, and more for the long one."""
+    return [*quick, *(pytest.param(*case, marks=pytest.mark.long) for case in long)]
 
 
 @cache

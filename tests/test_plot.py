@@ -598,7 +598,7 @@ def test_a_tube_closes_and_has_its_radius():
         (faces,) = plot.tube(circle, radius=0.5, turns=turns, **ABOVE).collections
         corners = np.array([path.vertices[:4] for path in faces.get_paths()])
         distance = np.linalg.norm(corners, axis=2)
-        assert (distance.min(), distance.max()) == pytest.approx((2.5, 3.5), abs=0.02)
+        assert (distance.min(), distance.max()) == pytest.approx((2.5, 3.5), abs=1e-14)
         edges = np.stack([corners, np.roll(corners, -1, axis=1)], axis=2).reshape(-1, 4).round(6) + 0.0
         ways = [tuple(sorted([tuple(e[:2]), tuple(e[2:])])) for e in edges]
         assert min(Counter(ways).values()) >= 2

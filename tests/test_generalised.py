@@ -209,7 +209,8 @@ def test_the_integral_of_an_orbit_is_kept_and_counts_the_wheels(wheel):
         return
     assert found[0].symbol == "K+V−A−n o·(π+Λh)"
     assert found[0].relative / found[1].relative == pytest.approx(16, rel=0.25)
-    for other in (load + nt.pulse((0, 1, 0), end=1), load + POTENTIALS["spring"]):
+    ellipse = nt.gravity_gradient(0.7, eccentricity=0.2)
+    for other in (load + nt.pulse((0, 1, 0), end=1), load + POTENTIALS["spring"], ellipse):
         assert "jacobi_integral" not in drifts(nt.simulate(FREE, t_end=1, step=0.1, load=other, **START))
 
 

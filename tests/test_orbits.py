@@ -90,18 +90,18 @@ def test_derivatives_on_an_ellipse(scheme):
         sensitivities(HYPERION, load=gravity_gradient(n), wrt=["eccentricity"], **how)
 
 
-def test_members_of_an_ensemble_and_run_files_are_the_run(tmp_path):
-    W, body = (0.1, 0, 1.2), standard([1, 2, 6], physical=False)
-    how = {"t_end": 2, "step": 0.05, "load": gravity_gradient(1.0, eccentricity=0.4)}
+FILE = """
+body = { kind = "standard", inertia = [1.0, 2.0, 6.0], physical = false }
+start.angular_velocity = { body = [0.1, 0.0, 1.2] }
+time = { t_end = 2.0, step = 0.05 }
+load = [{ kind = "gravity_gradient", mean_motion = 1.0, eccentricity = 0.4 }]
+"""
+
+
+def test_members_of_an_ensemble_and_run_files_are_the_run(write):
+    W, how = (0.1, 0, 1.2), {"t_end": 2, "step": 0.05, "load": gravity_gradient(1.0, eccentricity=0.4)}
+    body = standard([1, 2, 6], physical=False)
     run = simulate(body, material_angular_velocity=W, **how)
     many = simulate_ensemble(body, material_angular_velocity=[W, W], **how)
     assert abs(many.quaternion.values[1, -1] @ run.quaternion.values[-1]) == pytest.approx(1, abs=1e-13)
-    path = tmp_path / "orbit.toml"
-    path.write_text(
-        'body = { kind = "standard", inertia = [1.0, 2.0, 6.0], physical = false }\n'
-        "start.angular_velocity = { body = [0.1, 0.0, 1.2] }\n"
-        "time = { t_end = 2.0, step = 0.05 }\n"
-        'load = [{ kind = "gravity_gradient", mean_motion = 1.0, eccentricity = 0.4 }]\n',
-        encoding="utf-8",
-    )
-    assert np.array_equal(simulate(read_run_file(path).problem).directors.values, run.directors.values)
+    assert np.array_equal(simulate(read_run_file(write(FILE)).problem).directors.values, run.directors.values)

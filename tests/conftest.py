@@ -88,6 +88,11 @@ def thinned(every, *values):
     return [pytest.param(*case, marks=[pytest.mark.long] * (k % every > 0)) for k, case in cases]
 
 
+def or_long(quick, long):
+    """The cases of the quick suite, and more for the long one."""
+    return [*quick, *(pytest.param(*case, marks=pytest.mark.long) for case in long)]
+
+
 @cache
 def compiled_load(function):
     """The load of a compiled function, one for all tests of a process."""

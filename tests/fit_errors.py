@@ -1,6 +1,7 @@
 """Recordings to fit; how far fits are off; derivatives by differences, and files."""
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from nontwist import fit_inertia, sensors, simulate
 from nontwist.fitting.shooting import residuals, stacked
@@ -10,6 +11,7 @@ FREE = np.array([[0.30, 0.02, -0.01], [0.02, 0.25, 0.03], [-0.01, 0.03, 0.45]]) 
 PIVOTED = np.array([[0.020, 0.001, -0.0005], [0.001, 0.022, 0.0008], [-0.0005, 0.0008, 0.004]])  # of one on a pivot
 MASS, CENTRE = 0.5, np.array([0.03, -0.02, -0.15])
 HEADER = "time (s),gx (rad/s),gy (rad/s),gz (rad/s)"
+TURNED = f"{HEADER},qx,qy,qz,qw"
 
 
 def recorded(body, seconds, start, *, sensor=None, **how):
@@ -20,6 +22,18 @@ def recorded(body, seconds, start, *, sensor=None, **how):
 
 def whole(recording, **how):
     return fit_inertia(recording, interval="all", **how)
+
+
+def begun(rng, fastest=16):
+    """Return how a body is thrown: turned anyhow, with 8 rad/s at least."""
+    W = rng.normal(size=3)
+    W *= rng.uniform(8, fastest) / np.linalg.norm(W)
+    return {"rotation": Rotation.random(rng=rng), "material_angular_velocity": W}
+
+
+def tilted(attitudes, tilt, rng):
+    """Return attitudes with noise."""
+    return attitudes * Rotation.from_rotvec(tilt * rng.normal(size=(len(attitudes), 3)))
 
 
 def off_by(rng):
@@ -38,6 +52,12 @@ def off(fit, inertia):
 
 def farthest(fit, inertia):
     return abs(off(fit, inertia)).max()
+
+
+def assert_as_wide(deviations):
+    """Require errors in standard errors to be about 1, as those of a right model with right intervals are."""
+    assert abs(np.array(deviations)).max() < 4
+    assert 0.5 < np.sqrt(np.mean(np.square(deviations))) < 1.5
 
 
 def share_covered(fits):

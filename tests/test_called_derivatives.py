@@ -12,10 +12,12 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import nontwist as nt
+import test_derivatives
+from conftest import or_long
+from nontwist.driver.ensembles import jacobian_of
 from nontwist.engine.marching import Step, Text, turned_by_half
 from nontwist.engine.records import State
 from nontwist.errors import SimulationError
-from nontwist.inertia import euler_inertia
 from nontwist.integrators import EnergyMomentum, LieMidpoint
 from nontwist.integrators.compiled import Compiled
 from nontwist.kernels.vectors import compensated, cross
@@ -24,29 +26,12 @@ from nontwist.loads import Term
 from nontwist.loads.functions import Moment
 from nontwist.spec import Spec
 from refusals import said, says
-from test_derivatives import (
-    AXIS,
-    EYE,
-    R0,
-    START,
-    W0,
-    WEIGHT,
-    C,
-    J,
-    across,
-    derivative,
-    inertia_entry,
-    last,
-    or_long,
-    require_tangents,
-    require_transpose,
-    system_of,
-)
+from test_derivatives import AXIS, EYE, R0, START, W0, C, J, derivative, last, numbers_of
 
 FIELD, ANCHOR, POINT = np.array([0.3, 0.4, -0.8]), np.array([1, 0.5, 1]), np.array([0, 0.2, 1.0])
 LINE, Q = np.array([1, 0.2, 0.3]), np.array([[1, 0.2, 0.3], [0.2, -2, 0.5], [0.3, 0.5, 0.7]])
 STIFFNESS, REST = 3.0, 0.8
-MOTION, RADIAL, NORMAL = 1.3, np.array([2, 2, -1]) / 3, np.array([2, -1, 2]) / 3
+ORBIT = MOTION, RADIAL, NORMAL = 1.3, np.array([2, 2, -1]) / 3, np.array([2, -1, 2]) / 3
 TIMES, FORCES = np.array([-0.1, 0.35, 1.1]), np.random.default_rng(3).normal(size=(3, 3, 3))
 
 
@@ -89,25 +74,34 @@ def in_floats(function):
     return rough
 
 
-def loaded(name, x=0.0, **change):
-    """The load of this name, with what `change` names changed by x."""
+NUMBERS = {  # of the load "all"
+    "load[0].scale": 1.0,
+    "load[1].linear": LINE,
+    "load[1].quadratic": Q,
+    "load[2].stiffness": STIFFNESS,
+    "load[2].rest_length": REST,
+    "load[3].values": FORCES,
+    "load[4].damping": C,
+    "load[5].scale": 0.9,
+    "load[5].mean_motion": MOTION,
+    "load[6].values": FORCES[::-1],
+}
+OF_ORBIT = {"load[0].scale": 0.9, "load[0].mean_motion": MOTION}
 
-    def at(own, value):
-        return value + x * change.get(own, 0)
 
-    sloped = nt.moment(push, derivative=push_slope)
-    orbit = at("orbit_scale", 0.9) * nt.gravity_gradient(at("mean_motion", MOTION), RADIAL, NORMAL)
+def loaded(name, p=NUMBERS | {"load_scale": 1.0}):
+    """The load of this name with these numbers."""
+    if name in ("duals", "compiled", "differences"):
+        return p["load_scale"] * of_functions(name)
+    place = "load[5]" if name == "all" else "load[0]"
+    load = p[f"{place}.scale"] * nt.gravity_gradient(p[f"{place}.mean_motion"], RADIAL, NORMAL)
     if name == "all":
-        load = at("scale", 1.0) * sloped
-        load += 0.7 * nt.potential(FIELD, linear=at("linear", LINE), quadratic=at("quadratic", Q))
-        load += nt.spring(at("stiffness", STIFFNESS), POINT, ANCHOR, at("rest_length", REST))
-        load += nt.director_forces(TIMES, at("values", FORCES)) + nt.damping(at("damping", C)) + orbit
-        load += nt.director_forces(TIMES, at("along", FORCES[::-1]), frame="body")
-    elif name in ("duals", "compiled", "differences"):
-        load = of_functions(name)
-    else:
-        load = orbit
-    return at("load_scale", 1.0) * load
+        pulled = 0.7 * nt.potential(FIELD, linear=p["load[1].linear"], quadratic=p["load[1].quadratic"])
+        sprung = nt.spring(p["load[2].stiffness"], POINT, ANCHOR, p["load[2].rest_length"])
+        before = p["load[0].scale"] * nt.moment(push, derivative=push_slope) + pulled + sprung
+        before += nt.director_forces(TIMES, p["load[3].values"]) + nt.damping(p["load[4].damping"])
+        load = before + load + nt.director_forces(TIMES, p["load[6].values"], frame="body")
+    return p["load_scale"] * load
 
 
 @cache
@@ -118,44 +112,21 @@ def of_functions(name):
     return 0.5 * nt.moment(own, **how) + nt.director_forces(forces, **how) + nt.potential(ANCHOR, V, slope, **how)
 
 
-DIRECTIONS = {
-    "material_angular_velocity[2]": {"material_angular_velocity": EYE[1]},
-    "rotation[1]": {"rotation": EYE[0]},
-    "rotation[3]": {"rotation": EYE[2]},
-    "inertia[13]": {"inertia": inertia_entry(4)},
-    "duration": {"duration": 1.0},
-    "load_scale": {"load_scale": 1.0},
-}
-OWN = {
-    "load[0].scale": {"scale": 1.0},
-    "load[1].linear[2]": {"linear": EYE[1]},
-    "load[1].quadratic[23]": {"quadratic": inertia_entry(3)},
-    "load[2].stiffness": {"stiffness": 1.0},
-    "load[2].rest_length": {"rest_length": 1.0},
-    "load[3].values[1,2x]": {"values": np.einsum("i,j,k->ijk", EYE[1], EYE[1], EYE[0])},
-    "load[4].damping[12]": {"damping": np.outer(EYE[0], EYE[1])},
-    "load[5].scale": {"orbit_scale": 1.0},
-    "load[5].mean_motion": {"mean_motion": 1.0},
-    "load[6].values[1,23]": {"along": np.einsum("i,j,k->ijk", EYE[1], EYE[1], EYE[2])},
-    "dead_force[2x]": {"dead_force": np.outer(EYE[1], EYE[0])},
-}
 QUICK = [("lie-midpoint", 2), (EnergyMomentum(moments="exact"), None), ("gauss", 4)]
 LONG = [("energy-momentum", 2), *(("gauss", order) for order in (2, 8, 16))]
 LONG += [(LieMidpoint(dissipation=0.6), None), (EnergyMomentum(dissipation=0.6), None)]
 
 
-def body_of(constrained, load=""):
-    """With a weight, `gauss` does not turn its rows with the orbit."""
-    return J, AXIS if constrained else None, 0 * WEIGHT if load == "orbit alone" else WEIGHT
-
-
 IGNORED = "ignore:.*(breakpoint|table of the load|runs in Python|central differences)"
 
 
-def compared(scheme, order, load, constrained, directions, bound=1e-12, steps=2):
+def compared(scheme, order, load, wrt, own=None, bound=1e-12, steps=2):
     """Compare the tangents of a run with differences of runs; by the time a function is differenced."""
-    given = partial(loaded, load), directions, scheme, order, 0.1, steps, bound, 10
-    require_tangents(body_of(constrained, load), *given)
+    numbers = numbers_of("heavy", 0.1 * steps, **NUMBERS | (own or {}))
+    wrt, how = [*test_derivatives.BASIC, "load_scale", *wrt], {"integrator": scheme, "order": order}
+    if getattr(scheme, "dissipation", 0):
+        wrt.remove("inertia")
+    test_derivatives.require_tangents(numbers, partial(loaded, load), wrt, steps, bound, by_time=10, **how)
 
 
 @pytest.mark.filterwarnings(IGNORED)
@@ -165,16 +136,12 @@ def test_tangents_are_those_of_the_discrete_run(scheme, order):
 
     The inertia is in the load as well; the radius depends on the mean motion, and on the time.
     """
-    directions = DIRECTIONS | OWN
-    q = np.linalg.eigh(J)[1][:, 2]
-    directions["principal_inertia[3]"] = {"inertia": np.outer(q, q)}
+    wrt, own = [*NUMBERS, "dead_force", "principal_inertia"], {}
     if "energy-momentum" not in (scheme, getattr(scheme, "name", "")):  # to the others these are moments
-        del directions["load[6].values[1,23]"]
-    if dissipative := getattr(scheme, "dissipation", 0) > 0:
-        del directions["inertia[13]"]
-    else:
-        directions["axis[2]"] = {"axis": EYE[1]}
-    compared(scheme, order, "all", not dissipative, directions)
+        wrt.remove("load[6].values")
+    if not getattr(scheme, "dissipation", 0):
+        wrt, own = [*wrt, "axis"], {"axis": AXIS}
+    compared(scheme, order, "all", wrt, own)
 
 
 FEW = [("gauss", 4, "duals"), ("energy-momentum", 2, "compiled"), ("gauss", 4, "differences")]
@@ -187,42 +154,52 @@ def test_functions_are_differentiated_by_duals_or_differences(scheme, order, loa
     """Of the functions alone: where they do not take duals ten digits, and a warning."""
     with warnings.catch_warnings(record=True) as told:
         warnings.simplefilter("always")
-        compared(scheme, order, load, False, DIRECTIONS, 1e-9 if load == "differences" else 1e-12)
+        compared(scheme, order, load, [], bound=1e-9 if load == "differences" else 1e-12)
     assert any("central differences" in str(one.message) for one in told) == (load == "differences")
 
 
 @pytest.mark.filterwarnings(IGNORED)
-@pytest.mark.parametrize("order", [8, *(pytest.param(order, marks=pytest.mark.long) for order in (2, 4))])
+@pytest.mark.parametrize("order", [8, 4, pytest.param(2, marks=pytest.mark.long)])
 def test_rows_that_turn_with_an_orbit(order):
-    """Of a body which no forces act on."""
-    own = {"load[0].scale": {"orbit_scale": 1.0}, "load[0].mean_motion": {"mean_motion": 1.0}}
-    if order == 8:  # the rows of a run under forces do not turn with the orbit
-        own["dead_force[2x]"] = OWN["dead_force[2x]"]
-    compared("gauss", order, "orbit alone", False, DIRECTIONS | own, steps=3)
+    """Of a body which no forces act on: with a weight, `gauss` does not turn its rows with the orbit."""
+    own = OF_ORBIT | {"dead_force": np.zeros((3, 3))} | ({"axis": AXIS} if order == 4 else {})
+    extra = {8: ["dead_force"], 4: ["axis"], 2: []}[order]  # rows of a run under forces do not turn with the orbit
+    compared("gauss", order, "orbit alone", [*OF_ORBIT, *extra], own, steps=3)
 
 
-@pytest.mark.parametrize(
-    ("kind", "scheme", "order"),
-    [("potential", "lie-midpoint", 2), ("potential", "gauss", 4), ("orbit", "gauss", 2), ("orbit", "gauss", 4)],
-)
-def test_energy_is_differentiated(kind, scheme, order):
-    """``dK + dV`` of a body in a quadratic potential stays, and ``dH`` of H = K + V - n o·π in an orbit."""
-    steps, h, is_orbit = 1000, 0.1, kind == "orbit"
-    load = nt.gravity_gradient(MOTION, RADIAL, NORMAL) if is_orbit else nt.potential(FIELD, linear=LINE, quadratic=Q)
-    how = {"t_end": steps * h, "step": h, "integrator": scheme, "order": order, "load": load, **START}
-    d = nt.sensitivities(nt.standard(J), wrt=["rotation", "material_angular_velocity"], **how)
+BALANCED = [("standard", "lie-midpoint", 2), ("standard", LieMidpoint(dissipation=0.7), None), ("orbit", "gauss", 2)]
+BALANCED += [("heavy", "lie-midpoint", 2), ("standard", "gauss", 8), ("heavy", "gauss", 8), ("potential", "gauss", 4)]
+MORE_ORDERS = [(kind, "gauss", order) for kind in ("standard", "heavy") for order in (2, 4, 16)]
+
+
+@pytest.mark.parametrize(("kind", "scheme", "order"), or_long(BALANCED, [*MORE_ORDERS, ("orbit", "gauss", 4)]))
+def test_differentiated_balances(kind, scheme, order):
+    """``dK + dV`` stays, in an orbit ``dH``, H = K + V - n o·π, and dπ of a free body, over 1000 steps."""
+    system, steps = test_derivatives.SYSTEMS["heavy" if kind == "heavy" else "standard"], 1000
+    loads = {"potential": nt.potential(FIELD, linear=LINE, quadratic=Q), "orbit": nt.gravity_gradient(*ORBIT)}
+    how = {"t_end": steps * 0.1, "step": 0.1, "integrator": scheme, "order": order, "load": loads.get(kind), **START}
+    d = nt.sensitivities(system, wrt=["rotation", "material_angular_velocity"], **how)
     W, dW, delta = d.material_angular_velocity.values, d.d_material_angular_velocity.values, d.d_rotation.values
-    back, angle = Rotation.from_quat(d.quaternion.values).inv(), MOTION * d.time.values[:, None]
-    if is_orbit:
-        gamma = back.apply(np.cos(angle) * RADIAL + np.sin(angle) * np.cross(NORMAL, RADIAL))
-        o, pull = back.apply(NORMAL), np.cross(3 * MOTION**2 * gamma @ J, gamma)
-        by_turn, by_velocity = pull - MOTION * np.cross(W @ J, o), (W - MOTION * o) @ J
-    else:
+    turned, angle = Rotation.from_quat(d.quaternion.values), MOTION * d.time.values[:, None]
+    R, back, o = turned.as_matrix(), turned.inv(), np.zeros(3)
+    by_turn = -np.cross(EYE, np.einsum("ix,txk->tik", system.dead_force, R)).sum(1)
+    if kind == "orbit":
+        gamma, o = back.apply(np.cos(angle) * RADIAL + np.sin(angle) * np.cross(NORMAL, RADIAL)), back.apply(NORMAL)
+        by_turn, o = np.cross(3 * MOTION**2 * gamma @ J, gamma) - MOTION * np.cross(W @ J, o), MOTION * o
+    elif kind == "potential":
         gamma = back.apply(FIELD)
-        by_turn, by_velocity = np.cross(LINE + gamma @ Q, gamma), W @ J
+        by_turn = np.cross(LINE + gamma @ Q, gamma)
+    by_velocity = (W - o) @ J
     change = np.einsum("ti,tip->tp", by_turn, delta) + np.einsum("ti,tip->tp", by_velocity, dW)
     sizes = abs(by_turn).max() * abs(delta).max() + abs(by_velocity).max() * abs(dW).max()
-    assert abs(change - change[0]).max() <= 1e-13 * sizes * np.sqrt(steps)
+    if order:
+        assert abs(change - change[0]).max() <= 1e-13 * sizes * np.sqrt(steps)
+    else:
+        assert d.kinetic_energy.values[-1] < 0.995 * d.kinetic_energy.values[0]
+    if kind == "standard":
+        spatial = R @ (np.cross(delta, (W @ J)[:, :, None], axis=1) + J @ dW)
+        sizes += abs(W @ J).max() * abs(delta).max()
+        assert abs(spatial - spatial[0]).max() <= 1e-13 * sizes * np.sqrt(steps)
 
 
 def test_differences_are_announced_once():
@@ -330,59 +307,35 @@ def test_derivatives_that_are_wrong():
         nt.moment(push, derivative=3)
 
 
-@pytest.mark.filterwarnings("ignore:.*breakpoint")
-@pytest.mark.parametrize("order", [pytest.param(2, marks=pytest.mark.long), 4])
-def test_parameters_in_an_orbit(order):
-    """Spin, mean motion and duration against differences of runs; the adjoint is the transpose of the tangents."""
-    how = {"integrator": "gauss", "order": order, "material_angular_velocity": (0.4, -1.1, 0), "project": True}
-    weights = np.random.default_rng(5).normal(size=5)
-
-    def given(x):
-        body = nt.nontwisting((3, 4, 5), spin=([0, 2], [0.5, 1.5] + x * weights[:2]))
-        load, end = nt.gravity_gradient(MOTION + x * weights[2], RADIAL, NORMAL), 1 + x * weights[3]
-        return {"system": body, "load": load, "t_end": end, "step": end / 20, **how}
-
-    wrt = ["spin", "mean_motion", "duration", "axis", "inertia"]
-    d = require_transpose(**given(0.0), wrt=wrt, store=4)
-    by = derivative(lambda x: nt.integrate(**given(x)), 1e-3)
-    assert abs(last(d)[:, :4] @ weights[:4] - by).max() < 1e-11
+JACOBIANS = [("gauss", "suslov", "all", 4, False), ("lie-midpoint", "suslov", "all", 4, False)]
+JACOBIANS += [("gauss", "heavy", "none", "end", False), ("gauss", "nontwisting", "none", 4, True)]
+JACOBIANS += [("energy-momentum", "standard", "body", 4, True), ("lie-midpoint", "heavy", "none", 4, True)]
+JACOBIANS += [("gauss", "standard", "functions", 4, False), ("lie-midpoint", "standard", "functions", "end", True)]
+MORE = [("energy-momentum", "suslov", "all", 4, False), ("energy-momentum", "standard", "functions", 4, True)]
 
 
-def test_an_axis_in_an_orbit():
-    """Of a Suslov body, whose velocity is projected; a propagator has the same derivatives, exponents their sum."""
-    load, W, body = loaded("orbit alone"), across(W0, AXIS), system_of(body_of(True, "orbit alone"))
-    how = {"t_end": 1, "step": 0.05, "integrator": "gauss", "load": load}
-    start = {"material_angular_velocity": W}
-    d = nt.sensitivities(body, wrt=["axis", "material_angular_velocity"], **how, **start)
-    tilt = np.cross(AXIS, EYE[0]) / np.linalg.norm(np.cross(AXIS, EYE[0]))
-
-    def run_of(x):
-        n = np.cos(x) * AXIS + np.sin(x) * tilt
-        return nt.integrate(nt.DirectorSystem(euler_inertia(J), n), project=True, **how, **start)
-
-    assert abs(last(d)[:, :3] @ tilt - derivative(run_of, 1e-3)).max() < 1e-11
-    turned, changed = nt.propagator(body, **how).jacobian(wrt=["axis", "material_angular_velocity"], **start)
-    assert np.array_equal(turned, d.d_rotation.values[[0, -1]])
-    assert np.array_equal(changed, d.d_material_angular_velocity.values[[0, -1]])
-    for load, bound in ((how["load"], 1e-12), (nt.spring(STIFFNESS, POINT, ANCHOR, REST), 1e-11)):
-        found = nt.lyapunov(nt.standard(J), **how | {"t_end": 20, "load": load}, **start).lyapunov_exponent
-        assert abs(found.sum("exponent").values).max() < bound  # a volume stays
-
-
-@pytest.mark.parametrize("scheme", ["gauss", "lie-midpoint", pytest.param("energy-momentum", marks=pytest.mark.long)])
-def test_jacobians_of_a_propagator_under_functions_are_prepared(scheme):
-    """Under compiled functions and potentials, from starts of other speeds and with a factor, bit for bit."""
-    load = nt.spring(STIFFNESS, POINT, ANCHOR, REST) + nt.moment(push, compiled=True)
-    load += nt.potential(POINT, hill, hill_slope, compiled=True)
-    names, how = ["material_angular_velocity", "rotation", "inertia", "duration"], {"integrator": scheme}
-    run = nt.propagator(nt.standard(J), t_end=1, step=0.05, load=load, **how)
-    for speed, scale, wrt in ((1.0, 1.0, names), (0.1, 1.0, names), (1.0, 0.7, names[:-1])):
-        start = START | {"material_angular_velocity": speed * W0}
-        with patch("nontwist.driver.ensembles.jacobian_of", side_effect=AssertionError):
-            changes = run.jacobian(wrt=wrt, load_scale=scale, **start)
-        d = nt.sensitivities(nt.standard(J), wrt=wrt, t_end=1, step=0.05, load=scale * load, **how, **start)
-        for found, expected in zip(changes, (d.d_rotation, d.d_material_angular_velocity), strict=True):
-            assert abs(found - expected.values[[0, -1]]).max() <= 1e-14 * abs(expected.values).max()
+@pytest.mark.filterwarnings(IGNORED)
+@pytest.mark.parametrize(("scheme", "body", "load", "store", "few"), or_long(JACOBIANS, MORE))
+def test_jacobian_of_a_propagator_is_that_of_sensitivities(scheme, store, body, load, few):
+    """By few parameters: turns of the start alone turn all of a run that does not see its attitude."""
+    called = nt.spring(STIFFNESS, POINT, ANCHOR, REST) + nt.moment(push, compiled=True)
+    called += nt.potential(POINT, hill, hill_slope, compiled=True)
+    names = ["material_angular_velocity", "rotation", "inertia"]
+    names += ["duration"] if few else ["axis", "load_scale", *(["load[0].values"] if load == "all" else [])]
+    system, load = test_derivatives.SYSTEMS[body], called if load == "functions" else test_derivatives.LOADS[load]
+    how = {"t_end": 1.0, "step": 0.05, "integrator": scheme, "load": load, "store": store, "project": True}
+    run = nt.propagator(system, **how)
+    for scale, slower in ((1.0, 1.0), (1.0, 0.5), (0.7, 1.0))[: 2 if few else 3]:
+        begin = {"material_angular_velocity": slower * W0, "rotation": R0}
+        with patch("nontwist.driver.ensembles.jacobian_of", wraps=jacobian_of) as unprepared:
+            found = run.jacobian(wrt=names, load_scale=scale, **begin)
+        assert not unprepared.called or (scale != 1 and "load[0].values" in names)
+        d = nt.sensitivities(system, wrt=names, **(how | {"load": scale * load}), **begin)
+        by_scale = d.parameter.values == "load_scale"  # by the factor itself, and by a table before it is multiplied
+        for array, expected in zip(found, (d.d_rotation, d.d_material_angular_velocity), strict=True):
+            again = expected.values * np.where(by_scale, 1 / scale, 1.0)
+            assert array.shape == again.shape
+            assert abs(array - again).max() <= 1e-14 * max(1, abs(again).max())
 
 
 def test_prepared_jacobians_warn_of_differences():
@@ -408,7 +361,11 @@ TWO_ROOTS = (
 )
 LARGE = {  # body, W, load
     "fixed points find no stages": (nt.standard(J), W0, nt.moment(push, derivative=push_slope) + nt.damping(0.5)),
-    "the run has taken Newton's iteration": (system_of((J, None, WEIGHT)), 2 * W0, nt.damping(C)),
+    "the run has taken Newton's iteration": (
+        test_derivatives.system_of(numbers_of("heavy", 1.0)),
+        2 * W0,
+        nt.damping(C),
+    ),
     "a first guess leads to another solution": (*TWO_ROOTS, nt.spring(20.0, POINT, ANCHOR, 0.8)),
 }
 

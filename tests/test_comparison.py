@@ -1,5 +1,6 @@
 """compare: orders, errors against closed forms, what is kept, failures that stop nothing; its tables and its figure."""
 
+import re
 from functools import partial
 
 import numpy as np
@@ -102,9 +103,9 @@ def test_errors_of_the_free_nontwisting_body(free):
 
 def test_stepped_reference_against_the_closed_velocity_of_the_suslov_body():
     axis, start = np.array([0.0, 0, 1]), np.array([-4.0, 3, 0])
-    how = {"t_end": 2, "material_angular_velocity": start}
-    data = compare(nt.suslov(TILTED, axis), integrators=[LieMidpoint(2)], steps=[0.1], **how)
-    run = nt.integrate(nt.suslov(TILTED, axis), step=0.1, integrator=LieMidpoint(2), **how)
+    body, how = nt.suslov(TILTED, axis), {"t_end": 2, "material_angular_velocity": start}
+    data = compare(body, integrators=[LieMidpoint(2)], steps=[0.1], **how)
+    run = nt.integrate(body, step=0.1, integrator=LieMidpoint(2), **how)
     w = np.cross(run.directors, run.director_velocities).sum(1) / 2
     W = np.einsum("nix,nx->ni", run.directors, w)
     gap = np.linalg.norm((W - nt.exact.suslov_velocity(TILTED, axis, start, run.time)) @ np.array(TILTED), axis=1)
@@ -117,10 +118,10 @@ def test_stepped_reference_against_the_closed_velocity_of_the_suslov_body():
 
 def test_error_bars_count_what_arithmetic_loses():
     """Of a closed solution, 90 rad known to 2 eps · 90; and what halved steps share, the round-off of W and of time."""
-    body, peak = nt.nontwisting(PAPER_J), np.array([-123.625, -53.75, 0])  # as in the paper's case 2
-    data = compare(body, t_end=5, load=nt.pulse(peak), integrators=["exact"], steps=[5 / 21])
+    body, push = nt.nontwisting(PAPER_J), nt.pulse(peak := np.array([-123.625, -53.75, 0]))  # as in the paper's case 2
+    data = compare(body, t_end=5, load=push, integrators=["exact"], steps=[5 / 21])
     turn = np.linalg.solve(PAPER_J, peak) / 2 * 4.5  # the impulse from the middle of the pulse on
-    end = nt.integrate(body, times=[5.0], load=nt.pulse(peak), integrator="exact").directors[-1:]
+    end = nt.integrate(body, times=[5.0], load=push, integrator="exact").directors[-1:]
     assert data.attrs["reference"] == "exact"
     assert angle_error(end, Rotation.from_rotvec([turn]))[0] < data.attitude_reference_error
     assert data.attitude_reference_error == pytest.approx(2 * ROUND_OFF * np.linalg.norm(turn), rel=0.2, abs=0)
@@ -231,26 +232,23 @@ def test_tables(loaded, free):
     assert "Every drift within 1e-13: gauss 2, 4." in choice
     assert "failed" in runs
     assert "try step <=" in runs
-    assert "<" in next(line for line in others[1].splitlines() if line.startswith("exact"))
+    assert re.search("^exact.*<", others[1], re.MULTILINE)
     for text in (choice, runs, *others):
         assert max(map(len, text.splitlines())) <= 80
         assert "…" not in text
 
 
 def test_work_precision(loaded):
-    """Over steps the slope is the order; integrators without steps, each of their tolerances, are horizontal lines."""
+    """Integrators without steps, each of their tolerances, are horizontal lines over steps."""
     axes, over_steps = plot.work_precision(loaded), plot.work_precision(loaded, against="steps")
     lines, (floor,) = axes.lines, axes.patches
     two, four, adaptive = over_steps.lines
     assert [line.get_label() for line in lines] == ["gauss 2", "gauss 4", "continuous"]
     for own, other, order in ((lines[0], two, 2), (lines[1], four, 4)):
         good = loaded.sel(integrator=f"gauss {order}").isel(step=slice(1, None))
-        assert own.get_xdata() == pytest.approx(1e3 * good.run_time.values)
-        assert other.get_xdata() == pytest.approx(good.step.values)
-        for line in (own, other):
+        for line, x in ((own, 1e3 * good.run_time), (other, good.step)):
+            assert line.get_xdata() == pytest.approx(x.values)
             assert line.get_ydata() == pytest.approx(good.attitude_error_max.values)
-        slopes = np.diff(np.log(other.get_ydata())) / np.diff(np.log(other.get_xdata()))
-        assert slopes[-1] == pytest.approx(order, abs=0.1)
     assert len(lines[2].get_xdata()) == 1
     assert adaptive.get_xdata() == pytest.approx([0.5, 0.00625, np.nan], nan_ok=True)
     assert len(set(adaptive.get_ydata())) == 1
@@ -268,8 +266,6 @@ def test_work_precision(loaded):
         assert each.get_xscale() == each.get_yscale() == "log"
     assert over_steps.get_xlabel() == "step (s)"
     assert axes.figure.get_figwidth() == pytest.approx(3.5)
-    (name,) = [text for text in over_steps.texts if text.get_text() == "continuous 1e-7"]
-    assert name.xy == pytest.approx((0.00625, adaptive.get_ydata()[0]))
 
 
 def test_steps_that_meet_the_kinks_of_a_table_have_their_orders_and_others_recommend_nothing():
@@ -278,8 +274,6 @@ def test_steps_that_meet_the_kinks_of_a_table_have_their_orders_and_others_recom
     moments = nt.body_moment(t, np.stack([np.sin(7 * t), np.cos(11 * t), np.sin(5 * t)], axis=1))
     how = {"t_end": 2, "material_angular_velocity": (0.5, 2, 0.1), "load": moments}
     body, gauss = nt.standard([3, 4, 5]), ("gauss", 4)
-    with pytest.warns(UserWarning, match="off the grid of step"):
-        nt.integrate(body, step=2 / 7, **how)
     data = compare(body, integrators=[("lie-midpoint", 2), gauss], **how)
     misses = compare(body, integrators=[gauss], steps=[2 / 28, 2 / 56, 2 / 112], **how)
     meets = compare(body, integrators=[gauss], steps=[0.05, 0.025], **how)
@@ -313,15 +307,11 @@ def follows(t, z, directors, w):
 
 @pytest.mark.parametrize(
     "load",
-    [
-        nt.memory_load(lags, follows, [0.0, 0.0, 0.0], compiled=True),
-        nt.wheel("z", 0.1, 3, viscous=0.1),
-        nt.wheel("z", 0.1, 3, coulomb=0.02),
-    ],
+    [nt.memory_load(lags, follows, [0.0, 0.0, 0.0], compiled=True), nt.wheel("z", 0.1, 3, coulomb=0.02)],
 )
 def test_loads_that_gauss_alone_takes(load):
     """By default the integrators that take them; the reference is gauss, and no solver of SciPy."""
-    how = {"t_end": 0.5, "material_angular_velocity": (0.5, 1.2, -0.4), "repeats": 1}
+    how = {"t_end": 0.5, "material_angular_velocity": (0.5, 1.2, -0.4), "steps": [0.05, 0.025]}
     found = compare(nt.standard([3, 4, 5]), load=load, **how)
     assert {name.split()[0] for name in found.integrator.values} == {"gauss"}
     assert found.attitude_order.sel(integrator="gauss 2")[-1] == pytest.approx(2, abs=0.1)

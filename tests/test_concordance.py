@@ -12,7 +12,6 @@ import pytest
 
 from nontwist.paper.tables import printed, printed_numbers
 from nontwist.validation import GROUPS
-from paper_numbers import numbers
 
 ROOT = Path(__file__).parents[1]
 PAGE = ROOT / "docs" / "theory" / "concordance.md"
@@ -25,33 +24,6 @@ ROWS = [
     if line.startswith("| ") and not line.startswith(("| paper |", "| --- |"))
 ]
 LABELLED = {row[0].rpartition("`")[0].rpartition("`")[2] or row[0]: row for row in ROWS}
-A_DOCUMENT = r"""
-\documentclass{article} \newtheorem{theorem}{Theorem}[section] \begin{document}
-\section{One} \label{sec one} % \label{in a comment}
-\begin{equation} x = 100\% \label{eq first} \end{equation}
-\begin{equation}\begin{split} a &= b \\ &= c \end{split}\label{eq split}\end{equation}
-\subsection{One, one}\label{sub one}
-\begin{align} a &= 1 \label{eq row one} \\ b &= 2 \nonumber \\[2pt] c &= 3 \label{eq row two} \end{align}
-\begin{theorem}\end{theorem} \section{Two: \emph{a title}} \subsection{Two, one}\label{sub two}
-\begin{theorem} \label{th first} \begin{subequations}
-    \begin{align} a &= \begin{pmatrix} 1 \\ 2 \end{pmatrix} \label{eq sub a} \\ b &= 2 \label{eq sub b} \end{align}
-    \label{eq whole} \end{subequations}
-\end{theorem} \begin{equation*} y \end{equation*}
-\begin{figure}[h!]\begin{tabular}{cc} a \\ b \end{tabular}\caption{Some} \label{fig one}\end{figure}
-\begin{table}\caption{Some}\label{tab one}\end{table}
-\begin{equation}\label{eq last} z \end{equation} \begin{theorem}\end{theorem}
-\appendix \section*{Not counted} \section{More}\label{sec more} \end{document}
-"""
-
-
-COUNTED = "sec one 1, eq first 1, eq split 2, sub one 1.1, eq row one 3, eq row two 4, sub two 2.1, th first 2.1, "
-COUNTED += "eq sub a 5a, eq sub b 5b, eq whole 5, fig one 1, tab one 1, eq last 6, sec more A"
-
-
-def test_numbers_are_counted_as_latex_counts():
-    found = numbers(A_DOCUMENT)
-    assert found["theorems"] == ["1.1", "2.1", "2.2"]
-    assert ", ".join(map(" ".join, found["labels"].items())) == COUNTED
 
 
 def test_the_paper_has_its_numbers():

@@ -45,15 +45,13 @@ def test_a_load_that_fails_ends_the_run_with_the_states_before():
 
 
 def test_a_run_of_too_many_steps_is_aborted():
-    with (
-        pytest.warns(UserWarning, match=r"^the run will take about 33 min 20 s"),
-        pytest.raises(
-            SimulationError, match=r"DOP853 would need more than 1e\+06 steps, after 1000 it has come .* s far"
-        ),
-    ):
-        integrate(
-            standard([3, 4, 5]), t_end=1, step=0.1, material_angular_velocity=(0, 1e12, 1e12), integrator="continuous"
-        )
+    how = {"t_end": 1, "step": 0.1, "material_angular_velocity": (0, 1e12, 1e12), "integrator": "continuous"}
+    said, words = (
+        r"^the run will take about 33 min 20 s",
+        r"DOP853 would need more than 1e\+06 steps, after 1000 it has",
+    )
+    with pytest.warns(UserWarning, match=said), pytest.raises(SimulationError, match=words):
+        integrate(standard([3, 4, 5]), **how)
 
 
 @pytest.mark.parametrize("name", ["standard", "nontwisting"])
@@ -92,26 +90,24 @@ NEEDLE = np.array([2e-7, 5.6e-4, 5.6e-4])
 def test_a_damped_needle_keeps_explicit_methods_in_their_interval_of_stability(method):
     """Turning about d2 it slows down as exp(-c t/J2); about d1, where c/J1 is 2800 times that, nothing may grow."""
     c, scheme = 0.6, Continuous(method=method, rtol=1e-6, atol=1e-8)
-    run = simulate(
-        standard(NEEDLE), t_end=3e-4, step=1e-4, load=damping(c), angular_velocity=[1e-60, -400, 0], integrator=scheme
-    )
+    how = {"t_end": 3e-4, "step": 1e-4, "angular_velocity": [1e-60, -400, 0], "integrator": scheme}
+    run = simulate(standard(NEEDLE), load=damping(c), **how)
     expected = np.outer(np.exp(-c / NEEDLE[1] * run.time.values), [0, -400, 0])
     assert run.angular_velocity.values == pytest.approx(expected, rel=1e-5, abs=1e-9)
 
 
-@pytest.mark.parametrize("start", [1e-75, 1e-100, 1e-120])
+@pytest.mark.parametrize("start", [1e-75, 1e-120])
 def test_diverging_trials_are_rejected(start):
     """The same as a function: the solver finds out late, in a trial that overflows, and goes on with shorter steps."""
     c, end = 0.6, 8.1e-4
     load = moment(lambda t, d, w: -c * w)
-    run = simulate(
-        standard(NEEDLE), t_end=end, step=end, load=load, angular_velocity=[start, -400, 0], integrator="continuous"
-    )
+    how = {"t_end": end, "step": end, "angular_velocity": [start, -400, 0], "integrator": "continuous"}
+    run = simulate(standard(NEEDLE), load=load, **how)
     expected = [0, -400 * np.exp(-c / NEEDLE[1] * end), 0]
     assert run.angular_velocity.values[-1] == pytest.approx(expected, rel=1e-8, abs=1e-5)
 
 
-@pytest.mark.parametrize("size", [1e-24, 1e-12, 1.0, 1e12])
+@pytest.mark.parametrize("size", [1e-24, 1e12])
 @pytest.mark.parametrize("form", ["split", "director"])
 def test_tolerances_are_in_units_of_the_problem(form, size):
     """The motion does not depend on the unit of mass: a grain of dust is as exact as the Earth."""
@@ -126,12 +122,7 @@ def test_tolerances_are_in_units_of_the_problem(form, size):
 @pytest.mark.parametrize("speed", [1e-155, 1e-158, 1e-200])
 def test_tiny_motions_end(speed):
     """A tolerance in units of energies near 1e-308 is 0: SciPy's first step became NaN, which it shortens for ever."""
-    how = {
-        "t_end": 10,
-        "step": 5,
-        "rotation": Rotation.from_rotvec([3, 2, 1]),
-        "integrator": "continuous",
-        "project": True,
-    }
-    run = simulate(nontwisting([1e-2, 700, 700]), material_angular_velocity=(2 * speed, 0, speed), **how)
+    start = {"rotation": Rotation.from_rotvec([3, 2, 1]), "material_angular_velocity": (2 * speed, 0, speed)}
+    how = {"t_end": 10, "step": 5, "integrator": "continuous", "project": True}
+    run = simulate(nontwisting([1e-2, 700, 700]), **start, **how)
     assert run.material_angular_velocity.values[-1] / speed == pytest.approx([2, 0, 0], abs=1e-9)

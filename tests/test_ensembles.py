@@ -58,18 +58,15 @@ def one(bodies, arguments, i, **how):
     return nt.integrate(bodies[i], **own, load=None if load is None else arguments["load_scale"][i] * load, **how)
 
 
-FEW = [("standard", "none"), ("suslov", "none"), ("top", "none"), ("top", "sum"), ("nontwisting", "space")]
-
-
-@pytest.mark.parametrize(("name", "load"), FEW)
+@pytest.mark.parametrize(("name", "load"), [("standard", "none"), ("suslov", "none"), ("top", "sum")])
 def test_invariants(name, load):
     """K + V less the work of the load in any case; free bodies keep a momentum."""
     bodies, arguments = problem(name, load)
     kept = {"t_end": 1, "step": 0.01, "reduce": ["drift", "extrema"]}
     many = nt.simulate_ensemble(nt.DirectorSystem.stack(bodies), **arguments, **kept, order=4)
     assert (many.energy_drift / many.kinetic_energy_max).max() <= 1e-12
-    assert ("momentum_drift" in many) == (load == "none" and name != "suslov")
-    if "momentum_drift" in many:
+    assert ("momentum_drift" in many) == (name == "standard")
+    if name == "standard":
         assert (many.momentum_drift / abs(many.spatial_momentum_max).max("axis")).max() <= 1e-12
 
 
@@ -80,23 +77,20 @@ def same_bits(one, other):
 MIXED = [RANDOM[name](np.random.default_rng(k)) for k, name in enumerate(["standard", "top"] * 8 + ["standard"])]
 
 
-@pytest.mark.parametrize("m", [1, 15, 17])
-def test_other_members_change_no_bit(m, monkeypatch):
+def test_other_members_change_no_bit(monkeypatch):
     """Members alone, in blocks of odd sizes, among other bodies, in threads, and with the time cut into pieces."""
     _, arguments = problem("standard", "body", 17)
     how = {"t_end": 0.5, "step": 0.01, "reduce": STATISTICS, "store": 7, "variables": "all"}
     whole = nt.simulate_ensemble(nt.DirectorSystem.stack(MIXED), **arguments, **how)
-    first = 17 - m
-
-    def part(k, n):
-        cut = {key: arguments[key][k : k + n] for key in ("rotation", "material_angular_velocity", "load_scale")}
-        return nt.simulate_ensemble(nt.DirectorSystem.stack(MIXED[k : k + n]), **{**arguments, **cut}, **how)
-
     names = ["quaternion", "spatial_momentum", "kinetic_energy", "energy_drift", "spatial_momentum_max", "total_twist"]
-    same_bits(part(first, m)[names], whole[names].isel(member=slice(first, None)).assign_coords(member=np.arange(m)))
+    for k in (2, 16):
+        cut = {key: arguments[key][k:] for key in ("rotation", "material_angular_velocity", "load_scale")}
+        part = nt.simulate_ensemble(nt.DirectorSystem.stack(MIXED[k:]), **arguments | cut, **how)
+        rest = whole[names].isel(member=slice(k, None))
+        same_bits(part[names], rest.assign_coords(member=np.arange(M - k)))
     monkeypatch.setattr(stack_march, "NODES", 60)
-    threads = {1: 1, 15: 2, 17: 3}[m]
-    same_bits(nt.simulate_ensemble(nt.DirectorSystem.stack(MIXED), **arguments, **how, threads=threads), whole)
+    for threads in (1, 3):
+        same_bits(nt.simulate_ensemble(nt.DirectorSystem.stack(MIXED), **arguments, **how, threads=threads), whole)
 
 
 def test_a_member_that_fails_does_not_stop_the_others():
@@ -181,9 +175,7 @@ def test_stacks_say_which_body_is_wrong():
     assert again.axis == pytest.approx(stack.axis, abs=1e-15)
 
 
-@pytest.mark.parametrize(
-    ("name", "integrator"), [("nontwisting", "energy-momentum"), ("suslov", "lie-midpoint"), ("top", "energy-momentum")]
-)
+@pytest.mark.parametrize(("name", "integrator"), [("suslov", "lie-midpoint"), ("top", "energy-momentum")])
 def test_statistics_are_those_of_the_full_run(name, integrator):
     bodies, arguments = problem(name, "sum" if name == "suslov" else "body", 5)
     how = {"t_start": 0.5, "t_end": 2.5, "step": 0.01, "order": 2, "integrator": integrator}
@@ -228,23 +220,19 @@ def test_integrals_have_the_order_of_the_integrator(order):
         assert np.log2(errors[0] / errors[1]) == pytest.approx(order, abs=0.35), name
 
 
-@pytest.mark.parametrize(("integrator", "order", "near"), [("gauss", 4, 1e-9), ("split", 6, 1e-4)])
-def test_statistics_one_by_one_are_those_of_lanes(integrator, order, near):
+def test_statistics_one_by_one_are_those_of_lanes():
     """A load of the state sends the members through `integrate`; the numbers stay."""
     load, more = nt.body_moment(lambda t: (np.sin(3 * t), 1, 0.3)), nt.moment(lambda t, d, w: 0 * w)
     bodies, arguments = problem("nontwisting", m=2)
-    how = {"t_end": 1, "step": 0.02, "reduce": STATISTICS, "variables": "all", "store": 25}
+    how = {"t_end": 1, "step": 0.02, "order": 4, "reduce": STATISTICS, "variables": "all", "store": 25}
     how |= {key: arguments[key] for key in ("rotation", "material_angular_velocity", "project")}
-    many = nt.simulate_ensemble(nt.DirectorSystem.stack(bodies), load=load, order=4, **how)
-    load = load + more if integrator == "gauss" else load
-    with pytest.warns(UserWarning, match="runs in Python") if integrator == "gauss" else nullcontext():
-        bodies = nt.DirectorSystem.stack(bodies)
-        other = nt.simulate_ensemble(bodies, load=load, integrator=integrator, order=order, **how)
+    many = nt.simulate_ensemble(nt.DirectorSystem.stack(bodies), load=load, **how)
+    with pytest.warns(UserWarning, match="runs in Python"):
+        other = nt.simulate_ensemble(nt.DirectorSystem.stack(bodies), load=load + more, **how)
     assert set(many.data_vars) == set(other.data_vars)
-    for key in set(many.data_vars) - {"status", "quaternion"}:
-        close = near * float(1 + abs(many[key]).max())
+    for key in set(many.data_vars) - {"status"}:
+        close = 1e-9 * float(1 + abs(many[key]).max())
         assert other[key].values == pytest.approx(many[key].values, abs=close), key
-    assert abs(np.sum(many.quaternion * other.quaternion, axis=2)).values == pytest.approx(1, abs=1e-8)
 
 
 @pytest.mark.parametrize("name", ["standard", "nontwisting"])
@@ -274,39 +262,29 @@ def test_closed_form_of_a_loaded_body():
     assert (R * Rotation.from_rotvec(2 * impulse).inv()).magnitude() == pytest.approx(0, abs=1e-13)
 
 
-@pytest.mark.parametrize("integrator", ["gauss", "energy-momentum"])
-def test_continuing_an_ensemble_and_a_run(integrator):
+def test_continuing_an_ensemble_and_a_run():
     """The director scheme carries its director velocities on."""
-    bodies, arguments = problem("suslov", "space", 5)
+    bodies, arguments = problem("suslov", "space", 3)
     stack, load = nt.DirectorSystem.stack(bodies), {key: arguments[key] for key in ("load", "load_scale")}
-    how = {"step": 0.01, "integrator": integrator, "variables": "all"}
+    scheme = {"step": 0.01, "integrator": "energy-momentum"}
+    how = scheme | {"variables": "all"}
     half = nt.simulate_ensemble(stack, t_end=1, **arguments, **how)
     rest = nt.simulate_ensemble(stack, start=half, t_end=2, **load, **how)
     whole = nt.simulate_ensemble(stack, t_end=2, **arguments, **how)
     assert list(rest.time.values) == [1, 2]
-    overlap = np.sum(rest.quaternion.values[:, -1] * whole.quaternion.values[:, -1], axis=1)
-    assert abs(overlap) == pytest.approx(1, abs=1e-14)
-    assert rest.director_velocities[:, -1].values == pytest.approx(whole.director_velocities[:, -1].values, abs=1e-12)
-    own = {"load": load["load_scale"][1] * load["load"], "step": 0.01, "integrator": integrator}
-    one = nt.simulate(bodies[1], start=half.isel(member=1), t_end=2, **own)
-    assert one.directors.values[-1] == pytest.approx(whole.directors.values[1, -1], abs=1e-12)
-    for start, words in ((half, "5 runs; continue one of them"), (half.isel(member=1, time=-1), "no dimension time")):
+    own = {"t_end": 2, "load": load["load_scale"][1] * load["load"], **scheme}
+    one = nt.simulate(bodies[1], start=half.isel(member=1), **own)
+    both = nt.simulate_ensemble(bodies[1], start=one.isel(time=slice(1)), load_scale=[0, 1], variables="all", **own)
+    for found, expected in ((rest, whole), (one, whole.isel(member=1)), (both.isel(member=1), one)):
+        for name in ("directors", "director_velocities"):
+            last = expected[name].isel(time=-1).values
+            assert found[name].isel(time=-1).values == pytest.approx(last, abs=1e-12)
+    for start, words in ((half, "3 runs; continue one of them"), (half.isel(member=1, time=-1), "no dimension time")):
         with pytest.raises(ValueError, match=words):
-            nt.simulate(bodies[1], start=start, t_end=2, **own)
-    name = "quaternion" if integrator == "gauss" else "director_velocities"
-    with pytest.raises(ValueError, match=rf"start= lacks {name}[;,] (store it with variables=|which energy-momentum)"):
-        nt.simulate_ensemble(stack, start=half.drop_vars(name), t_end=2, integrator=integrator)
-    run = nt.simulate(bodies[0], t_end=1, angular_velocity=[1, 2, 0], project=True, step=0.01)
-    both = nt.simulate_ensemble(bodies[0], start=run, t_end=2, load=nt.sine([1, 0, 0], 1), load_scale=[0, 1], step=0.01)
-    assert both.time.values[0] == 1
-    assert abs(both.quaternion.values[0, 0] @ run.quaternion.values[-1]) == pytest.approx(1)
-
-
-def test_the_automatic_step_bounds_the_turn_of_every_member():
-    bodies, arguments = problem("top", "space", 6)
-    many = nt.simulate_ensemble(nt.DirectorSystem.stack(bodies), **arguments, t_end=2, store=1)
-    turn = np.linalg.norm(many.material_angular_velocity, axis=2).max() * many.attrs["step"]
-    assert 0.005 < turn <= 0.05
+            nt.simulate(bodies[1], start=start, **own)
+    for name, words in (("quaternion", "; store it with"), ("director_velocities", ", which energy-momentum carries")):
+        with pytest.raises(ValueError, match=f"start= lacks {name}{words}"):
+            nt.simulate_ensemble(stack, start=half.drop_vars(name), t_end=2, **scheme)
 
 
 def test_an_ensemble_as_a_file(tmp_path):
@@ -338,7 +316,7 @@ def test_a_run_of_another_inertia_is_continued_with_a_warning():
     """The momentum jumps; that of the same inertia, held or released, goes on without a word."""
     J, how = np.array([2.0, 4, 5]), {"step": 0.1, "material_angular_velocity": (1, 0, 0)}
     many = nt.simulate_ensemble
-    for first, function in ((nt.simulate, nt.simulate), (nt.integrate, nt.simulate), (many, many)):
+    for first, function in ((nt.integrate, nt.simulate), (many, many)):
         run = first(nt.standard(J), t_end=1, **how)
         with warned("start-other-inertia") as told:
             function(nt.nontwisting(J + 0.5), t_end=2, step=0.1, start=run)
@@ -347,13 +325,11 @@ def test_a_run_of_another_inertia_is_continued_with_a_warning():
             function(nt.nontwisting(J), t_end=2, step=0.1, start=run)
 
 
-@pytest.mark.parametrize(
-    ("how", "times"), [({"step": 0.05}, 4.6), ({"step": 0.05, "integrator": "lie-midpoint"}, 3.1), ({}, 8.1)], ids=str
-)
+@pytest.mark.parametrize(("how", "times"), [({"step": 0.05}, 4.6), ({}, 8.1)], ids=str)
 def test_an_ensemble_keeps_what_it_returns_alone(how, times):
     """Beside it there are what members carry from step to step, and those of several runs to a tolerance."""
     how = {"t_end": 0.1, "threads": 1} | how
-    W = np.random.default_rng(0).normal(size=(30_000, 3))
+    W = np.random.default_rng(0).normal(size=(10_000, 3))
     nt.simulate_ensemble(nt.standard(PAPER_J), material_angular_velocity=W[:100], **how)
     tracemalloc.start()
     try:

@@ -73,7 +73,7 @@ def test_two_crossings_between_two_times_are_found(integrator):
     assert np.array(run.t_events) == pytest.approx(np.array([[0.51, 0.53], [0.741, 0.761]]), abs=1e-12)
 
 
-@pytest.mark.parametrize(("value", "integrator"), [(1e-3, "continuous"), (1e-5, "gauss"), (1e-7, "gauss")])
+@pytest.mark.parametrize(("value", "integrator"), [(1e-3, "continuous"), (1e-7, "gauss")])
 def test_a_pendulum_is_slow_around_each_turning(value, integrator):
     """At the turnings, every half a period 4 K(sin θ/2)/ω, it accelerates by ω² sin θ."""
     omega, angle = np.sqrt(9.81 / 1.01), np.radians(10)
@@ -125,7 +125,7 @@ def test_direction_and_names():
     assert np.array_equal(times[2], np.sort(np.concatenate(times[:2])))
 
 
-@pytest.mark.parametrize(("name", "terminal", "k"), [("gauss", True, 0), ("gauss", 3, 2), ("exact", 1, 0)])
+@pytest.mark.parametrize(("name", "terminal", "k"), [("gauss", 3, 2), ("exact", True, 0)])
 def test_a_terminal_event_ends_the_run(name, terminal, k):
     event, how = with_attributes(level, terminal=terminal), {"step": 0.5} if name == "gauss" else {}
     run = nt.simulate(nt.nontwisting([3, 4, 5]), t_end=50, integrator=name, events=event, **how, **TURNING)
@@ -143,14 +143,6 @@ def test_means_up_to_the_end_balance():
     assert gained == pytest.approx(lengths[:, None] * run.moment.values, abs=1e-13)
     assert np.diff(run.kinetic_energy.values) == pytest.approx(run.load_work.values, abs=1e-13)
     assert run.t_events.values == pytest.approx([np.log(2 / 1.2) * 4 / 0.3], abs=1e-9)
-
-
-@pytest.mark.parametrize(("name", "step"), [("split", 0.1), ("exact", None)])
-def test_output_times_and_events_go_together(name, step):
-    event = with_attributes(level, terminal=2)
-    x = [0.1, 0.2, 2.0, 3.0]
-    run = nt.simulate(nt.nontwisting([3, 4, 5]), times=x, step=step, integrator=name, events=event, **TURNING)
-    assert run.time.values == pytest.approx([0.1, 0.2, 2.0, 3 * np.pi / 4], abs=1e-11)
 
 
 def test_an_event_before_a_failure_ends_the_run_in_good_order():
@@ -198,29 +190,28 @@ def test_zeros_at_the_start_and_at_nodes():
     assert [times.tolist() for times in nt.integrate(BODY, **how).t_events] == [[], [0.5], [0.5], [0.5]]
     falling.direction, rising.direction = 1, -1
     assert [times.tolist() for times in nt.integrate(BODY, **how).t_events] == [[], [0.5], [], []]
-    run = nt.simulate(BODY, **how | {"events": [lambda t, state: 1.0]})
-    assert run.sizes["event"] == 0
     assert "t_events" not in nt.simulate(BODY, **how | {"events": []})
 
 
 def test_events_are_saved(tmp_path):
-    for i, event in enumerate([level, lambda t, state: 1.0]):
-        path, run = tmp_path / f"{i}.nc", nt.simulate(BODY, t_end=3, step=0.1, events=event, **TURNING)
-        nt.save_run(run, path)
-        assert nt.open_run(path).identical(run)
-        found = json.loads(ended(0, "export", path, "--to", "json").stdout)["columns"]
-        assert found["t_events [s]"] == run.t_events.values.tolist()
-        assert found["event_name"] == run.event_name.values.tolist()
-        table = ended(0, "export", path, "--columns", "event_quaternion")
-        header, *lines = csv.reader(table.stdout.splitlines())
-        assert header == ["event_name", "t_events [s]", *(f"event_quaternion_{one}" for one in "xyzw")]
-        assert [line[0] for line in lines] == run.event_name.values.tolist()
-        rows = np.array([line[1:] for line in lines], float).reshape(-1, 5)
-        assert np.array_equal(rows, np.column_stack([run.t_events, run.event_quaternion]))
-    both = "export", tmp_path / "0.nc", "--columns", "kinetic_energy,t_events", "--out"
+    path, run = tmp_path / "run.nc", nt.simulate(BODY, t_end=3, step=0.1, events=level, **TURNING)
+    nt.save_run(run, path)
+    assert nt.open_run(path).identical(run)
+    found = json.loads(ended(0, "export", path, "--to", "json").stdout)["columns"]
+    assert found["t_events [s]"] == run.t_events.values.tolist()
+    assert found["event_name"] == run.event_name.values.tolist()
+    header, *lines = csv.reader(ended(0, "export", path, "--columns", "event_quaternion").stdout.splitlines())
+    assert header == ["event_name", "t_events [s]", *(f"event_quaternion_{one}" for one in "xyzw")]
+    assert [line[0] for line in lines] == run.event_name.values.tolist()
+    rows = np.array([line[1:] for line in lines], float)
+    assert np.array_equal(rows, np.column_stack([run.t_events, run.event_quaternion]))
+    both = "export", path, "--columns", "kinetic_energy,t_events", "--out"
     assert "t_events has a line for each event, kinetic_energy has others" in ended(2, *both, tmp_path / "e.csv").stderr
     assert not (tmp_path / "e.csv").exists()
     ended(0, *both, tmp_path / "e.json")
+    none = nt.simulate(BODY, t_end=3, step=0.1, events=lambda t, state: 1.0, **TURNING)
+    nt.save_run(none, tmp_path / "none.nc")
+    assert nt.open_run(tmp_path / "none.nc").identical(none)
 
 
 def refused_events(events):
@@ -248,9 +239,6 @@ def test_named_events():
     run = nt.simulate(body, events=[tilted, nt.axis_crosses()], **how, **TURNING)
     assert run.t_events[run.event_name == "tilted"].values == pytest.approx([np.pi / 6, np.pi / 6 + np.pi], abs=1e-11)
     assert repr(tilted) == "<event tilted>"
-    slow, load = nt.spin_below(1.0, (0, 5, 0)), nt.damping(1)
-    slowed = nt.simulate(BODY, t_end=4, load=load, events=slow, **TURNING)  # nobody has chosen a step
-    assert slowed.t_events.values == pytest.approx([4 * np.log(2)], abs=1e-9)
 
 
 FILE = """
@@ -277,10 +265,9 @@ value = 1
 CAMERA = "t,frame\n0,1\n0.25,2\n1.5,3\n4,4\n"
 
 
-def test_run_files_have_output_times_and_events(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "camera.csv").write_text(CAMERA, encoding="utf-8")
-    (tmp_path / "run.toml").write_text(FILE, encoding="utf-8")
+def test_run_files_have_output_times_and_events(here, write):
+    write(CAMERA, "camera.csv")
+    write(FILE)
     file = read_run_file("run.toml")
     run = nt.simulate(file.problem)
     assert run.time.values == pytest.approx([0, 0.25, 1.5, 3 * np.pi / 4], abs=1e-11)
@@ -293,13 +280,10 @@ def test_run_files_have_output_times_and_events(tmp_path, monkeypatch):
     assert "event spin_below" in shown
 
 
-@pytest.mark.parametrize(
-    ("every", "times"), [(2, [0, 2, 4, 5]), (0.1, np.linspace(0, 5, 51)), (2.5, [0, 2.5, 5]), (7, [0, 5])]
-)
-def test_output_times_are_every_so_many_seconds_and_the_end(every, times, tmp_path):
+@pytest.mark.parametrize(("every", "times"), [(2, [0, 2, 4, 5]), (0.1, np.linspace(0, 5, 51)), (7, [0, 5])])
+def test_output_times_are_every_so_many_seconds_and_the_end(every, times, write):
     text = FILE[: FILE.index("[[event]]")].replace('{ file = "camera.csv", column = "t" }', f"{{ every = {every} }}")
-    (tmp_path / "run.toml").write_text(text, encoding="utf-8")
-    run = nt.simulate(read_run_file(tmp_path / "run.toml").problem)
+    run = nt.simulate(read_run_file(write(text)).problem)
     assert run.time.values == pytest.approx(times, rel=1e-14)
     assert run.time.values[-1] == 5
 
@@ -310,12 +294,11 @@ WRONG += [('"spin-below"', '"spin"'), ("terminal = 2", "terminal = -1")]
 WRONG += [(TIMES, new) for new in ("[0, 6]", "{ every = 1e-9 }", "{ every = 0 }", "[0, 1], store = 2")]
 
 
-def test_wrong_tables_are_named(tmp_path):
-    (tmp_path / "camera.csv").write_text(CAMERA, encoding="utf-8")
+def test_wrong_tables_are_named(write):
+    write(CAMERA, "camera.csv")
     for old, new in WRONG:
-        (tmp_path / "run.toml").write_text(FILE.replace(old, new), encoding="utf-8")
         with says(RunFileError):
-            read_run_file(tmp_path / "run.toml")
+            read_run_file(write(FILE.replace(old, new)))
 
 
 def test_a_spin_about_an_oblique_axis_falls_below_a_value():

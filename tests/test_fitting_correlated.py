@@ -20,7 +20,7 @@ def noise(rng, n, samples):
     return found
 
 
-def fits(count, n=400, part=1 / 20):
+def fits(count, n=200, part=1 / 20):
     rng, t = np.random.default_rng(3), np.linspace(0, 2, n)
     for _ in range(count):
         W = rng.normal(size=3) * 4 + [3, 2, 4]
@@ -44,7 +44,7 @@ def covered(count):
 
 
 def test_intervals_allow_for_correlated_residuals():
-    ours, white = covered(12)
+    ours, white = covered(6)
     assert ours >= 0.86
     assert white < 0.6
 

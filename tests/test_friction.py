@@ -1,7 +1,6 @@
 """Dry friction: closed forms, SciPy with events of its own, balances, refusals; loads that jump with the state."""
 
 import re
-from functools import cache, partial
 
 import numpy as np
 import pytest
@@ -12,8 +11,7 @@ from scipy.spatial.transform import Rotation
 import nontwist as nt
 from conftest import cross
 from nontwist.errors import SimulationError, Status
-from nontwist.runfile import read_run_file
-from nontwist.runfile.document import forecast
+from nontwist.loads.base import moment_at, of_body
 from refusals import refused_as
 
 PENDULUM = nt.heavy_top([1.01, 1.01, 0.01], mass=1, centre_of_mass=(0, 0, 1))
@@ -37,7 +35,7 @@ def rest_angle():
 
 @pytest.mark.parametrize(
     ("axis", "how"),
-    [(None, {"step": 0.02}), ("x", {"step": 0.002, "integrator": "lie-midpoint"}), ("-x", {"step": 0.005}), (None, {})],
+    [("-x", {"step": 0.002, "integrator": "lie-midpoint"}), (None, {})],
 )
 def test_a_pendulum_sticks_and_stays(axis, how):
     run = nt.simulate(PENDULUM, t_end=6, load=nt.dry_friction(1, axis), **TILTED, **how)
@@ -56,15 +54,14 @@ def test_a_pendulum_sticks_and_stays(axis, how):
 
 
 @pytest.mark.parametrize(
-    ("body", "axis"),
+    ("body", "axis", "scheme"),
     [
-        (nt.standard(J), None),
-        (nt.nontwisting(J), "x"),
-        (nt.suslov(J, "y"), None),
-        (nt.suslov([[3, 0, 0], [0, 4, 1], [0, 1, 5]], "z"), "x"),
+        (nt.standard(J), None, "gauss"),
+        (nt.nontwisting(J), "x", "lie-midpoint"),
+        (nt.suslov(J, "y"), None, "gauss"),
+        (nt.suslov([[3, 0, 0], [0, 4, 1], [0, 1, 5]], "z"), "x", "gauss"),
     ],
 )
-@pytest.mark.parametrize("scheme", SCHEMES)
 def test_rest_ends_where_the_moment_reaches_the_limit(body, axis, scheme):
     """J w' = 2 sin t - 1 from t = π/6 until w = 0, then 2 sin t + 1, since the moment is larger than the limit."""
     load = nt.sine((2, 0, 0), 0.5 / np.pi) + nt.dry_friction(1, axis)
@@ -86,56 +83,13 @@ def drive(t):
     return np.array([0.9 * np.sin(1.3 * t), 0.4 * np.cos(t), 0.3])
 
 
-def by_scipy(a, c, W, times):
-    """W of the standard body under `drive` and friction about a, by SciPy and its events, mode after mode."""
-    found, t, mode, modes = {times[0]: W}, times[0], np.sign(a @ W), []
-    free = lambda t, W: np.linalg.solve(J, drive(t) + cross(J @ W, W))  # noqa: E731
-    toward = np.linalg.solve(J, a)
-    needed = lambda t, W: a @ free(t, W) / (a @ toward)  # noqa: E731
-    while t < times[-1]:
-        begin, sign = t, mode
-
-        def rate(t, W, sign=sign):
-            return free(t, W) - (sign * c if sign else needed(t, W)) * toward
-
-        def over(t, W, sign=sign, begin=begin):
-            return 1.0 if t < begin + 1e-9 else sign * (a @ W) if sign else c - abs(needed(t, W))
-
-        over.terminal = True
-        part = solve_ivp(rate, (t, times[-1]), W, "DOP853", None, True, over, rtol=1e-13, atol=1e-14, max_step=0.1)
-        found |= {x: part.sol(x) for x in times if t < x <= part.t[-1]}
-        t, W = part.t[-1], part.y[:, -1]
-        if sign:
-            W = W - a * (a @ W)
-        mode = 0 if sign and abs(needed(t, W)) <= c else np.sign(needed(t, W))
-        modes.append(mode)
-    return np.array([found[x] for x in times]), modes
-
-
-@pytest.mark.parametrize(("axis", "limit"), [((1, 0, 0), 0.5), ((1, 2, 2), 0.6)])
-def test_a_body_that_turns_about_the_other_axes_sticks_and_slides(axis, limit):
-    times, W = np.linspace(0, 12, 25), np.array([0.2, 0.3, 0.1])
-    right, modes = by_scipy(np.array(axis) / np.linalg.norm(axis), limit, W, times)
-    assert {0, 1} <= {abs(mode) for mode in modes}
-    load = nt.body_moment(drive) + nt.dry_friction(limit, axis)
-    for scheme, bound in SCHEMES.items():
-        how = {"load": load, "material_angular_velocity": W, "times": times, "integrator": scheme, "step": 0.025}
-        run = nt.integrate(nt.standard(J), **how)
-        assert abs(run.material_angular_velocity - right).max() < bound * (0.025**2 if bound > 1e-3 else 1)
-        momentum, energy = run.observables(["spatial_momentum", "kinetic_energy"]).values()
-        assert abs(np.diff(momentum, axis=0) - np.diff(times)[:, None] * run.moment).max() < 1e-13
-        assert abs(np.diff(energy) - run.load_work).max() < 1e-13
-    assert (run.sticking == (abs(right @ axis) < 1e-12)).all()
-    assert (run.dissipated_energy >= -1e-15).all()
-
-
 def test_a_tumbling_body_comes_to_rest_along_a_principal_axis():
     """Without an axis the direction of w turns without end as it vanishes; friction takes the whole energy."""
     W = np.array([1.0, 0.5, -0.7])
     times = np.array([0, 1, 2, 3, 4, 4.8])
     rate = lambda t, W: np.linalg.solve(J, cross(J @ W, W) - W / np.linalg.norm(W))  # noqa: E731
     right = solve_ivp(rate, (0, 4.8), W, "DOP853", times, rtol=1e-13, atol=1e-14).y.T
-    for how, bound in (({"step": 0.05}, 1e-12), ({"step": 0.0125, "integrator": "lie-midpoint"}, 3e-6), ({}, 1e-12)):
+    for how, bound in (({"step": 0.0125, "integrator": "lie-midpoint"}, 3e-6), ({}, 1e-12)):
         run = nt.integrate(
             nt.standard(J), times=[*times, 8], material_angular_velocity=W, load=nt.dry_friction(1), **how
         )
@@ -167,45 +121,48 @@ def test_a_body_starts_where_the_moment_exceeds_the_limit():
         assert abs(run.material_angular_velocity[1:] - right).max() < bound
 
 
-LEFT = nt.with_gravity(nt.nontwisting(J), 1.5, (0.2, -0.3, 0.4)), nt.with_gravity(nt.standard(J), 1.5, (0.2, -0.3, 0.4))
-START = Rotation.from_rotvec([0.3, -0.5, 0.8])
+SKEW = np.array([[3, 0.2, 0.1], [0.2, 4, 0.5], [0.1, 0.5, 5]])
+HEAVY = [nt.with_gravity(make(J), 1.5, (0.2, -0.3, 0.4)) for make in (nt.nontwisting, nt.standard)]
+MANY = nt.spring(2, (0, 0, 1), (1, 0, 0.5), 0.3) + nt.damping([0.1, 0.2, 0.3])
+MANY += nt.body_moment(lambda t: np.array([3 * t, 1, 0.2 * t]))  # which moves it about x after 3.2 s
+ABOUT_Y = [  # body, axes of friction, load, scheme, and how many of 21 states stick about all others
+    (HEAVY[0], "x", MANY, "gauss", 17),
+    (HEAVY[1], "xz", MANY, "lie-midpoint", 17),
+    (nt.suslov(SKEW, "z"), "x", nt.spring(1, (0.2, 0.3, 0.4), (0, 0.5, 1)), "gauss", 21),
+    (nt.suslov(SKEW, "z"), "x", nt.spring(2, (0, 1, 1), (1, 0, 0.5), 0.3), "lie-midpoint", 21),
+    (nt.standard(SKEW), "xz", nt.dipole((0.3, 0, 1), (1, 2, 0)), "gauss", 21),
+    (nt.standard(SKEW), "xz", nt.gravity_gradient(0.4, (1, 0, 0.5), (-0.5, 1, 1)), "gauss", 21),
+]
 
 
-@cache
-def speeds_about_y():
-    """Times, and speeds of these bodies about y by SciPy, under gravity, a spring, damping and a moment."""
-
-    def rate(t, y):
-        c, s = np.cos(y[0]), np.sin(y[0])
-        q = np.array([[c, 0, -s], [0, 1, 0], [s, 0, c]]) @ START.as_matrix().T
-        arm = np.array([0.2, -0.3, 0.4]) @ q
-        stretch = np.array([1, 0, 0.5]) - q[2]
-        pull = 2 * (1 - 0.3 / np.linalg.norm(stretch)) * stretch
-        moment = cross(arm, np.array([0, 0, -1.5 * 9.81])) + cross(q[2], pull)
-        return [y[1], (q[1] @ moment - 0.2 * y[1] + 1) / 4]
-
-    times = np.linspace(0, 4, 21)
-    return times, solve_ivp(rate, (0, 4), [0, 0.7], "DOP853", times, rtol=1e-12, atol=1e-14).y[1]
-
-
-@pytest.mark.parametrize("scheme", SCHEMES)
-@pytest.mark.parametrize("body", LEFT)
-def test_a_body_that_has_one_axis_left_turns_about_it(body, scheme):
-    """About y; then it slides about x as well."""
-    axes = "x" if body.axis is not None else ("x", "z")
-    friction = sum((nt.dry_friction(15, axis) for axis in axes), nt.damping([0.1, 0.2, 0.3]))
-    load = (
-        friction + nt.spring(2, (0, 0, 1), (1, 0, 0.5), 0.3) + nt.body_moment(lambda t: np.array([3 * t, 1, 0.2 * t]))
+@pytest.mark.parametrize(("body", "axes", "load", "scheme", "count"), ABOUT_Y)
+def test_a_body_that_has_one_axis_left_turns_about_it(body, axes, load, scheme, count):
+    """As the moments in Python turn it; under the load of `MANY` it slides about x as well at last."""
+    start, y, acts, times = (
+        Rotation.from_rotvec([0.3, -0.5, 0.8]),
+        np.eye(3)[1],
+        of_body(load, body.inertia),
+        np.linspace(0, 4, 21),
     )
-    times, right = speeds_about_y()
-    how = {"load": load, "rotation": START, "material_angular_velocity": (0, 0.7, 0), "times": times}
-    run = nt.integrate(body, **how, integrator=scheme, step=0.02)
-    stuck = run.sticking == len(axes)
-    bound = 3e-12 if scheme == "gauss" else 1.5 * 0.02**2
-    assert abs(run.material_angular_velocity - np.outer(right, [0, 1, 0]))[stuck].max() < bound
-    assert stuck.sum() == 17
+
+    def rate(t, x):
+        q = (start * Rotation.from_rotvec(x[0] * y)).as_matrix().T
+        moment = moment_at(acts, t, q, x[1] * q[1]) + cross(q, body.dead_force).sum(axis=0)
+        return [x[1], q[1] @ moment / body.convected_inertia[1, 1]]
+
+    angle, speed = solve_ivp(rate, (0, 4), [0, 0.7], "DOP853", times, rtol=1e-12, atol=1e-14).y
+    how = {"rotation": start, "material_angular_velocity": 0.7 * y, "times": times, "integrator": scheme, "step": 0.02}
+    run = nt.integrate(body, load=sum((nt.dry_friction(15, axis) for axis in axes), load), **how)
+    stuck, bound = run.sticking == len(axes), 3e-12 if scheme == "gauss" else 1.5 * 0.02**2
+    assert abs(run.material_angular_velocity - np.outer(speed, y))[stuck].max() < bound
+    assert not run.material_angular_velocity[stuck][:, [0, 2]].any()
+    assert (run.rotation.inv() * start * Rotation.from_rotvec(np.outer(angle, y)))[
+        stuck
+    ].magnitude().max() < 1.5 * bound
+    assert stuck.sum() == count
     energy = sum(run.observables(["kinetic_energy", "potential_energy"]).values())
-    assert abs(np.diff(energy) - run.load_work).max() < 1e-14
+    if acts is load:  # else the gradient of gravity turns in space
+        assert abs(np.diff(energy) - run.load_work).max() < 1e-14
 
 
 def test_what_holds_a_body_that_turns_about_one_axis():
@@ -226,8 +183,7 @@ def test_what_holds_a_body_that_turns_about_one_axis():
     assert run.load_work.values == pytest.approx(0.01 * speed, rel=1e-12)
 
 
-@pytest.mark.parametrize("scheme", SCHEMES)
-@pytest.mark.parametrize("axes", ["", "x", "xz"])
+@pytest.mark.parametrize(("axes", "scheme"), [("x", "gauss"), ("xz", "lie-midpoint")])
 def test_rotors_give_the_body_what_they_lose(axes, scheme):
     """About y, with kinks of the momentum between steps."""
     times, values = [0, 1.013, 2.027], [0.5, 2.5, 1]
@@ -249,20 +205,11 @@ def test_a_massless_rod_slows_down(axis):
     assert run.material_angular_velocity.values == pytest.approx(np.outer(left, along), abs=1e-13)
 
 
-@pytest.mark.parametrize(
-    ("own", "speed"),
-    [
-        ({}, lambda t, k: 5.0),
-        ({"torque": 0.2}, lambda t, k: 5 + 0.2 * k * t),
-        ({"viscous": 0.03}, lambda t, k: 5 * np.exp(-0.03 * k * t)),
-        ({"coulomb": 0.05}, lambda t, k: 5 - 0.05 * k * t),
-    ],
-)
-def test_a_wheel_turns_a_body_that_has_one_axis_left(own, speed):
+def test_a_wheel_turns_a_body_that_has_one_axis_left():
     """About y J ω + I Ω stays, and Ω' = (torque - friction) (1/I + 1/(J - I))."""
-    load = nt.wheel("y", 0.1, 5.0, **own) + nt.dry_friction(1, "x")
+    load = nt.wheel("y", 0.1, 5.0, torque=0.4, viscous=0.03, coulomb=0.05) + nt.dry_friction(1, "x")
     run = nt.simulate(nt.nontwisting(J), t_end=2, step=0.1, load=load, material_angular_velocity=(0, 0.7, 0))
-    turning = np.array([speed(t, 1 / 0.1 + 1 / 3.9) for t in run.time.values])
+    turning = 35 / 3 - 20 / 3 * np.exp(-0.03 * (1 / 0.1 + 1 / 3.9) * run.time.values)
     assert run.wheel_speed.values[:, 0] == pytest.approx(turning, rel=2e-15, abs=0)
     assert run.material_angular_velocity.values[:, 1] == pytest.approx(0.7 + 0.1 * (5 - turning) / 4, rel=2e-15, abs=0)
     assert not run.material_angular_velocity.values[:, [0, 2]].any()
@@ -271,18 +218,12 @@ def test_a_wheel_turns_a_body_that_has_one_axis_left(own, speed):
 HYSTERESIS = nt.memory_load(
     lambda t, z, q, w: [w[1] - z[0] / 0.7], lambda t, z, q, w: [0.1 * z[0], -0.3 * z[0], 0.05], [0.0], scale=1
 )
-SKEW = np.array([[3, 0.2, 0], [0.2, 4, 0], [0, 0, 5]])
 
 
-@pytest.mark.parametrize(
-    ("J", "load"),
-    [
-        (SKEW, nt.wheel("y", 0.1, 5.0, torque=0.2) + nt.wheel((1, 2, 3), 0.2, 3.0, viscous=0.05)),
-        (J, nt.wheel((1, 1, 1), 0.1, 5.0, coulomb=0.1) + HYSTERESIS),
-    ],
-)
-def test_friction_holds_what_a_constraint_holds(J, load):
+def test_friction_holds_what_a_constraint_holds():
     """A body without a constraint on which friction about x and z sticks, and one that does not twist: both about y."""
+    J, load = np.array([[3, 0.2, 0], [0.2, 4, 0], [0, 0, 5]]), nt.wheel("y", 0.1, 5.0, torque=0.2) + HYSTERESIS
+    load += nt.wheel((1, 2, 3), 0.2, 3.0, viscous=0.05, coulomb=0.1)
     how = {"t_end": 3, "material_angular_velocity": (0.1, 1, 0)}
     free = nt.simulate(nt.standard(J), step=0.05, load=load + nt.dry_friction(5, "x") + nt.dry_friction(5, "z"), **how)
     momentum = free.spatial_momentum.values
@@ -298,53 +239,6 @@ def test_friction_holds_what_a_constraint_holds(J, load):
     assert held.multipliers.values[3:, 0] == pytest.approx(mean[3:], abs=1e-9)
 
 
-def test_a_librating_satellite_has_one_axis_left():
-    """About y ω' = 3 n² y·(r × J r)/J22, r the direction to the centre, as SciPy integrates it."""
-    skew = np.array([[3, 0.2, 0.1], [0.2, 4, 0.5], [0.1, 0.5, 5]])
-    n, how = 0.4, {"t_end": 9, "step": 0.05, "material_angular_velocity": (0, 0.3, 0)}
-    radial, normal = np.array([1, 0, 0.5]), np.array([-0.5, 1, 1])
-    load = nt.gravity_gradient(n, radial, normal) + nt.dry_friction(1, "x") + nt.dry_friction(1, "z")
-    run = nt.simulate(nt.standard(skew), load=load, **how)
-
-    def slope(t, x):
-        orbit = Rotation.from_rotvec(n * t * normal / 1.5).apply(radial / np.linalg.norm(radial))
-        r = Rotation.from_rotvec([0, -x[0], 0]).apply(orbit)
-        return [x[1], 3 * n**2 * np.cross(r, skew @ r)[1] / 4]
-
-    found = solve_ivp(slope, (0, 9), [0, 0.3], rtol=1e-12, atol=1e-13, t_eval=run.time.values)
-    assert run.material_angular_velocity.values[:, 1] == pytest.approx(found.y[1], abs=2e-12)
-    assert (run.sticking.values == 2).all()
-
-
-@pytest.mark.parametrize(
-    ("scheme", "bound", "body", "axes"),
-    [("gauss", 4e-13, nt.standard, "yz"), ("lie-midpoint", 0.2 * 0.05**2, partial(nt.suslov, axis="z"), "y")],
-)
-@pytest.mark.parametrize(
-    "load",
-    [
-        nt.spring(1, (0.2, 0.3, 0.4), (0, 0.5, 1)),
-        nt.spring(2, (0, 1, 1), (1, 0, 0.5), 0.3),
-        nt.dipole((0, 0.3, 1), (1, 2, 0)),
-    ],
-)
-def test_potentials_turn_a_body_that_has_one_axis_left(scheme, bound, body, axes, load):
-    """About x ω' = x·m/J11, the moment as it is in Python; no other axis turns."""
-    J = np.array([[2, 0.1, 0.2], [0.1, 2.5, 0.3], [0.2, 0.3, 3]])
-    held = load + sum((nt.dry_friction(5, axis) for axis in axes), nt.Load())
-    run = nt.simulate(body(J), t_end=2, step=0.05, load=held, material_angular_velocity=(1, 0, 0), integrator=scheme)
-
-    def slope(t, x):
-        q = Rotation.from_rotvec([x[0], 0, 0]).as_matrix().T
-        return [x[1], sum(term.moment_at(t, q, np.zeros(3)) for term in load.terms)[0] / 2]
-
-    found = solve_ivp(slope, (0, 2), [0, 1], "DOP853", rtol=1e-12, atol=1e-13).y[:, -1]
-    q, W = run.quaternion.values[-1], run.material_angular_velocity.values[-1]
-    assert [2 * np.arctan2(q[0], q[3]), W[0]] == pytest.approx(found, abs=bound)
-    assert not q[1:3].any()
-    assert not W[1:].any()
-
-
 def test_friction_sticks_on_a_body_of_any_inertia():
     body, load = nt.standard([1, 1, 3], physical=False), nt.dry_friction(1, "x") + nt.dry_friction(1, "y")
     run = nt.simulate(body, t_end=2, step=0.1, load=load, material_angular_velocity=(0.1, 0.2, 0.5))
@@ -352,36 +246,19 @@ def test_friction_sticks_on_a_body_of_any_inertia():
     assert run.sticking.values[-1] == 2
 
 
-@pytest.mark.parametrize("load", [nt.spring(2, (0, 0, 1), (1, 0, 0.5), 0.3), nt.gravity_gradient(0.4)])
-def test_friction_beside_potentials(load):
+def test_friction_beside_potentials():
     """K + V falls by what friction takes, to the order of the scheme."""
-    run = nt.simulate(
-        nt.standard(J), t_end=9, step=0.02, load=load + nt.dry_friction(0.3), angular_velocity=(0.3, 0.5, 0.1)
-    )
+    load = nt.spring(2, (0, 0, 1), (1, 0, 0.5), 0.3) + nt.dry_friction(0.3)
+    run = nt.simulate(nt.standard(J), t_end=9, step=0.02, load=load, angular_velocity=(0.3, 0.5, 0.1))
     energy = (run.kinetic_energy + run.potential_energy).values
-    if "spring" in repr(load):
-        assert energy[0] - energy[-1] == pytest.approx(run.dissipated_energy.sum().item(), abs=1e-9)
+    assert energy[0] - energy[-1] == pytest.approx(run.dissipated_energy.sum().item(), abs=1e-9)
     assert abs(run.load_work.sum() + run.dissipated_energy.sum()) < 1e-14
 
 
 # ---- everywhere
 
 
-def test_run_files_and_comparisons(tmp_path):
-    path = tmp_path / "run.toml"
-    path.write_text(
-        'body = { kind = "standard", inertia = [2, 2, 2] }\ntime.t_end = 6\nstart.angular_velocity.body = [0, 0, 2]\n'
-        'load = [{ kind = "dry_friction", limit = 0.5, scale = 2 }]\n',
-        encoding="utf-8",
-    )
-    assert nt.simulate(read_run_file(path).problem).dissipated_energy.sum().item() == pytest.approx(4, rel=1e-13)
-    made = read_run_file(path, ['load.0.axis="z"'])
-    assert nt.simulate(made.problem).material_angular_velocity.values[-1].tolist() == [0, 0, 0]
-    assert "dry_friction" in made.text()
-    with pytest.raises(ValueError, match=r"load\.0\.limit"):
-        read_run_file(path, ["load.0.limit=-1"])
-    (problem,) = forecast(read_run_file(path, ['integrator.name="split"'])).problems
-    assert (problem.key, "splits its steps" in str(problem)) == ("integrator.name", True)
+def test_comparisons():
     found = nt.compare(PENDULUM, t_end=0.5, steps=[0.1, 0.05], repeats=1, load=nt.dry_friction(1), **TILTED)
     assert {name.split()[0] for name in found.integrator.values} == {"gauss", "lie-midpoint"}
     assert abs(found.attitude_order.sel(integrator="lie-midpoint 2")[-1] - 2) < 0.3
@@ -407,7 +284,7 @@ test_what_is_refused = refused_as(
 )
 def test_a_stall_names_the_jump(how, compiled):
     def relay(t, directors, w):
-        return -1.0 * np.sign(w[0]), 0.0, 0.0
+        return -(1.0 + t) * np.sign(w[0]), 0.0, 0.0
 
     def slow(t, state):
         return abs(state.angular_velocity[0]) - 0.1
@@ -416,21 +293,14 @@ def test_a_stall_names_the_jump(how, compiled):
     with pytest.raises(SimulationError, match="relay jumps with the state") as failed, np.errstate(all="ignore"):
         nt.simulate(PENDULUM, **how)
     assert failed.value.status == Status.JUMP
-    ways = "(1, 0, 0)", "(−1, 0, 0)", "before with events=", "stepper", "dry_friction", "np.tanh"
-    assert all(way in str(failed.value) for way in ways)
+    text = str(failed.value)
+    (at,), signs = re.findall(r"about t = (\S+) s", text), re.findall(r"\((−?)(\S+), 0, 0\)", text)
+    assert [float(value) for _, value in signs] == pytest.approx([1 + float(at)] * 2, abs=1e-3)
+    assert {sign for sign, _ in signs} == {"", "−"}
+    assert all(way in text for way in ("before with events=", "stepper", "dry_friction", "np.tanh"))
     slow.terminal, slow.direction = True, -1
     run = nt.simulate(PENDULUM, events=slow, **how)
     assert abs(run.angular_velocity.values[-1, 0]) == pytest.approx(0.1)
-
-
-def test_a_jump_is_named_with_its_values_at_its_time():
-    def relay(t, directors, w):
-        return -(1.0 + t) * np.sign(w[0]), 0.0, 0.0
-
-    with pytest.raises(SimulationError, match="relay jumps") as failed, np.errstate(all="ignore"):
-        nt.simulate(PENDULUM, step=0.005, t_end=6, load=nt.moment(relay, compiled=True), **TILTED)
-    at, value = re.search(r"about t = ([0-9.]+) s from \(([0-9.]+), 0, 0\)", str(failed.value)).groups()
-    assert float(value) == pytest.approx(1 + float(at), abs=1e-3)
 
 
 def test_a_steep_law_that_is_smooth_is_no_jump():

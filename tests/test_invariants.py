@@ -39,7 +39,7 @@ def test_each_run_keeps_what_it_should(case):
 
 @pytest.mark.parametrize(("scheme", "order"), [("energy-momentum", 2), ("lie-midpoint", 2), ("gauss", 4)])
 @pytest.mark.parametrize("case", ["standard", "nontwisting", "suslov", "heavy top"])
-@pytest.mark.parametrize("steps", [50_000, pytest.param(1_000_000, marks=pytest.mark.long)])
+@pytest.mark.parametrize("steps", [10_000, pytest.param(1_000_000, marks=pytest.mark.long)])
 def test_drift_over_many_steps(steps, case, scheme, order):
     body, load, names = CASES[case]
     how = {"t_end": 0.005 * steps, "step": 0.005, "store": 1000, "integrator": scheme, "order": order}
@@ -109,13 +109,13 @@ def test_work_that_a_constraint_lets_cancel_belongs_to_the_scale():
     assert found.relative < 1e-15
 
 
-@pytest.mark.parametrize("name", INTEGRATORS)
-def test_a_balance_needs_the_work_of_its_load(name):
-    how = {"t_end": 1, "step": 0.1, "material_angular_velocity": (0.1, 2, 0)}
-    run = nt.integrate(BODIES["standard"](), load=None if name == "exact" else PULSE, integrator=name, **how)
-    many = nt.simulate_ensemble(BODIES["standard"](), **how | {"material_angular_velocity": [(0.1, 2, 0)] * 2})
+def test_a_balance_needs_the_work_of_its_load():
+    body, how = BODIES["standard"](), {"t_end": 1, "step": 0.1}
+    run = nt.integrate(body, load=PULSE, material_angular_velocity=(0.1, 2, 0), **how)
+    many = nt.simulate_ensemble(body, material_angular_velocity=[(0.1, 2, 0)] * 2, **how)
     without = drifts(run.to_dataset().drop_vars("load_work"))  # which the balance needs
     assert without == {name: one for name, one in drifts(run).items() if name != "energy_balance"}
+    assert "energy_balance" in drifts(run)
     for other in (many, run.to_dataset().drop_vars("kinetic_energy")):
         with pytest.raises(ValueError, match=r"^expected a run of nontwist\.simulate with 'kinetic_energy'; this Dat"):
             drifts(other)

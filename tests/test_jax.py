@@ -107,8 +107,6 @@ def test_derivatives_by_all_parameters_are_those_of_differences(everything):
     assert abs(sum(terms.values()) - slope) < 1e-12 * sum(map(abs, terms.values()))
     zero = {name: np.zeros(np.shape(value)) for name, value in ALL.items()}
     assert abs(jax.jvp(along, (zero,), (start[1],))[1] - slope) < 1e-14 * abs(slope)  # the derivative is linear
-    for name, term in terms.items():
-        assert abs(along(zero | {name: start[1][name]}) - term) < 1e-12 * sum(map(abs, terms.values())), name
     two = jax.vmap(along)(jax.tree.map(lambda x: jnp.stack([x, 3 * x]), start[1]))  # fewer than parameters
     assert abs(two - np.array([slope, 3 * slope])).max() < 1e-12 * sum(map(abs, terms.values()))
 

@@ -13,19 +13,20 @@ BODY, START = nt.nontwisting([3, 4, 5]), {"material_angular_velocity": (0.5, 2, 
 HOW = {"step": 0.125, "load": nt.pulse((1, 0, 0), start=0.5, end=1.5)}
 
 
-@pytest.mark.parametrize("integrator", ["gauss", "energy-momentum", "split"])
+@pytest.mark.parametrize("integrator", ["gauss", "energy-momentum"])
 def test_a_divided_run_is_that_of_one_piece(integrator, tmp_path):
-    """Of gauss and split to round-off, of the others bit for bit."""
+    """Of gauss to round-off, of energy-momentum bit for bit."""
     how = HOW | {"integrator": integrator}
     whole = nt.simulate(BODY, t_end=3, **how, **START)
-    is_exact = integrator in ("lie-midpoint", "energy-momentum")
     parts = [nt.simulate(BODY, t_end=1, **how, **START)]
     for end in (1.75, 3):
         parts.append(nt.simulate(BODY, t_end=end, start=parts[-1], **how))
     found = nt.join_runs(*parts)
     for name in whole.variables:
         if found[name].dtype.kind == "f":
-            assert found[name].values == pytest.approx(whole[name].values, rel=0, abs=0 if is_exact else 1e-13), name
+            assert found[name].values == pytest.approx(
+                whole[name].values, rel=0, abs=1e-13 * (integrator == "gauss")
+            ), name
         assert found[name].dtype == whole[name].dtype
         assert found[name].dims == whole[name].dims
         assert found[name].attrs == whole[name].attrs
@@ -169,6 +170,6 @@ def test_parts_of_a_run_have_the_balance_of_the_run():
     for steps in (slice(3, 9), slice(None, None, 2), [0]):
         part = run.isel(time=steps)
         assert nt.drifts(part)["energy_balance"].relative < 1e-14
-        assert nt.plot.energy_drift(part).lines[0].get_ydata().max() < 1e-14
+    assert nt.plot.energy_drift(run.isel(time=slice(None, None, 2))).lines[0].get_ydata().max() < 1e-14
     with pytest.raises(ValueError, match="states without the interval between them"):
         nt.drifts(run.isel(midtime=slice(None, None, 2)))

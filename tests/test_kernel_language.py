@@ -2,9 +2,8 @@
 
 import math
 import os
-import subprocess
+import signal
 import sys
-import textwrap
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
@@ -90,11 +89,11 @@ def test_numbers_of_other_kinds():
     assert fma(0.1, 10.0, -1.0) == (2.0**-54 if machine_code.is_fused() else 0.0)
 
 
-def test_without_a_fused_multiply_add():
-    features = machine_code.processor()[1].replace("+fma", "-fma")
-    k, out = in_lanes(lambda x, y: fma(x, y, 1.0), 1), np.empty(40)
-    k._function = machine_code.function_of(k.code(is_fused=False), "kernel", features)
-    k(X, Y, out)
+def test_without_a_fused_multiply_add(monkeypatch):
+    name, features = machine_code.processor()
+    monkeypatch.setattr(machine_code, "processor", lambda: (name, features.replace("+fma", "-fma")))
+    out = np.empty(40)
+    in_lanes(lambda x, y: fma(x, y, 1.0), 1)(X, Y, out)
     assert (out == X * Y + 1.0).all()
 
 
@@ -231,44 +230,36 @@ def test_threads_trace_at_once():
         assert all(pool.map(work, range(6)))
 
 
-CHILDREN = """
-    import threading, os, signal, sys, time, warnings
-    import numpy as np
-    from nontwist.kernels.kernel import Kernel
-    warnings.simplefilter("ignore", DeprecationWarning)
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="this system does not fork")
+@pytest.mark.filterwarnings("ignore:.*fork:DeprecationWarning")
+def test_forked_children_trace_for_themselves():
     def new(c):
         return Kernel(lambda x: x * (c + 0.5), "f8 -> f8")
-    done = threading.Event()
-    traced = []
+
     def trace():
-        c = 0
         while not done.is_set():
-            traced.append(new(c)(1.0))
-            c += 1
-    old = new(1000)
+            traced.append(new(len(traced))(1.0))
+
+    done, traced, failed, old = threading.Event(), [], 0, new(1000)
     old(1.0)
     threads = [threading.Thread(target=trace) for _ in range(2)]
-    for t in threads: t.start()
-    failed = 0
-    for c in range(12):
+    for thread in threads:
+        thread.start()
+    for c in range(8):
         count = len(traced)
-        while len(traced) == count: time.sleep(0)  # then a thread is amid the next kernel
-        child = os.fork()
-        if not child:
+        while len(traced) == count:  # then a thread is amid the next kernel
+            time.sleep(0)
+        if not (child := os.fork()):
             signal.alarm(300)  # ends a child that waits for a lock that nobody holds
-            ok = new(c)(2.0) == 2 * c + 1.0 and old(2.0) == 2001.0
-            os._exit(0 if ok else 1)
+            try:
+                ok = new(c)(2.0) == 2 * c + 1.0 and old(2.0) == 2001.0
+            finally:
+                os._exit(0 if ok else 1)
         failed += os.waitpid(child, 0)[1] != 0
     done.set()
-    for t in threads: t.join()
-    print("failed", failed)
-"""
-
-
-@pytest.mark.skipif(not hasattr(os, "fork"), reason="this system does not fork")
-def test_forked_children_trace_for_themselves():
-    found = subprocess.run([sys.executable, "-c", textwrap.dedent(CHILDREN)], capture_output=True, text=True)
-    assert found.stdout == "failed 0\n", found.stderr
+    for thread in threads:
+        thread.join()
+    assert failed == 0
 
 
 def test_kernels_run_without_the_interpreter_lock():
@@ -279,14 +270,14 @@ def test_kernels_run_without_the_interpreter_lock():
             v.x = sin(v.x)
         return v.x
 
-    where, seen = ["outside"], threading.Event()
+    inside, seen = [], []
 
     def work():
         for _ in range(1000):
-            where[0] = "inside"
+            inside.append(True)
             long(1_000_000)
-            where[0] = "outside"
-            if seen.is_set():
+            inside.clear()
+            if seen:
                 break
 
     long(1)
@@ -294,14 +285,13 @@ def test_kernels_run_without_the_interpreter_lock():
     sys.setswitchinterval(1e6)  # without forced switches, only the kernel itself lets the other thread run
     try:
         thread.start()
-        while thread.is_alive() and not seen.is_set():
-            if where[0] == "inside":
-                seen.set()
+        while thread.is_alive() and not seen:
+            seen += inside
             time.sleep(0)
         thread.join()
     finally:
         sys.setswitchinterval(interval)
-    assert seen.is_set()
+    assert seen
 
 
 def test_texts_keep_in_variables_what_changes():
@@ -311,36 +301,31 @@ def test_texts_keep_in_variables_what_changes():
     assert {path: found for path, text in texts.items() if (found := faults(text))} == {}
 
 
+WRONG = """
+def one(x):
+    total = 0.0
+    for i in loop(3):
+        total = total + x[i]
+def two(x):
+    total = 0.0
+    for i in loop(3):
+        total += x[i]
+def three(x):
+    for _ in when(x[0] > 0.0):
+        y = 1.0
+    return y
+def right(x):
+    v = Variables(y=0.0)
+    for i in loop(3):
+        y = x[i]
+        v.y = v.y + y
+    y = v.y
+    return y
+"""
+
+
 def test_the_rule_finds_what_is_wrong():
-    text = """
-    def one(x):
-        total = 0.0
-        for i in loop(3):
-            total = total + x[i]
-        return 0.0
-    def two(x):
-        total = 0.0
-        for i in loop(3):
-            total += x[i]
-    def three(x):
-        for _ in when(x[0] > 0.0):
-            y = 1.0
-        return y
-    def four(x):
-        for _ in whilst(lambda: x[0] > 0.0):
-            for k in range(3):
-                break
-            return x
-    def right(x):
-        v = Variables(y=0.0)
-        for i in loop(3):
-            y = x[i]
-            v.y = v.y + y
-        y = v.y
-        return y
-    """
-    found = [line for line, _ in faults(textwrap.dedent(text))]
-    assert found == [5, 10, 13, 19]
+    assert [line for line, _ in faults(WRONG)] == [5, 9, 12]
 
 
 ORDER = 12

@@ -45,44 +45,30 @@ FILES = {  # what the page of run files says: its run file, the last number that
     "1000 tables": (lambda n: USUAL + n * PULSE.format(1), 1000, 1001, "load"),
     "100 tables `[[event]]`": (lambda n: USUAL + "".join(map(EVENT.format, range(n))), 100, 101, "event"),
     "100 tables `[[sweep.over]]`": (swept, 100, 101, "sweep.over"),
+    "numbers smaller than 1e-60": (lambda x: BEGIN.format(x, x), 1e-60, 0.99e-60, "time.t_end", "time.step"),
     "10¹¹ steps": (lambda n: BEGIN.format(10.0, 10 / n), 10**11, 1.01e11, "time.step"),
     "at most 10 million values": (lambda n: USUAL + GRID.format(n), 10**7, 10**7 + 1, "sweep.over.0.count"),
 }
 
 
 @pytest.mark.parametrize("words", FILES)
-def test_of_run_files(words, tmp_path):
-    text, last, beyond, key = FILES[words]
+def test_of_run_files(words, write):
+    text, last, beyond, *keys = FILES[words]
     assert words in " ".join((ROOT / "docs" / "run-files.md").read_text(encoding="utf-8").split())
-    path = tmp_path / "run.toml"
-    path.write_text(text(last), encoding="utf-8")
-    assert Problem.read(path).system.name == "standard"
-    path.write_text(text(beyond), encoding="utf-8")
+    assert Problem.read(write(text(last))).system.name == "standard"
     with pytest.raises(RunFileError) as told:
-        Problem.read(path)
-    assert [fault.key for fault in told.value.problems] == [key]
-
-
-def test_smaller_numbers_count_as_zero(tmp_path):
-    path = tmp_path / "run.toml"
-    path.write_text(BEGIN.format(1e-60, 1e-60), encoding="utf-8")
-    assert Problem.read(path).t_end == 1e-60
-    path.write_text(BEGIN.format(0.99e-60, 0.99e-60), encoding="utf-8")
-    with pytest.raises(RunFileError) as told:
-        Problem.read(path)
-    assert {fault.key for fault in told.value.problems} == {"time.t_end", "time.step"}
+        Problem.read(write(text(beyond)))
+    assert {fault.key for fault in told.value.problems} == {*keys}
 
 
 @pytest.mark.parametrize("beyond", [0, 1])
-def test_of_tables(beyond, tmp_path, monkeypatch):
+def test_of_tables(beyond, write, monkeypatch):
     assert files.LARGEST_TABLE == 200_000_000
     monkeypatch.setattr(files, "LARGEST_TABLE", 20_000)
-    (tmp_path / "table.csv").write_bytes(bytes(20_000 + beyond))  # no table; but that is seen later
-    path = tmp_path / "run.toml"
+    write(bytes(20_000 + beyond), "table.csv")  # no table; but that is seen later
     table = "[[load]]\nkind = 'csv'\nframe = 'body'\nfile = 'table.csv'\ncolumns = ['t', 'x', 'y', 'z']\n"
-    path.write_text(USUAL + table, encoding="utf-8")
     with pytest.raises(RunFileError) as told:
-        Problem.read(path)
+        Problem.read(write(USUAL + table))
     assert ("0.02 MB" in str(told.value)) == bool(beyond), told.value
 
 

@@ -1,7 +1,6 @@
 """Artists and data, not pixels."""
 
 import itertools
-import re
 import sys
 import threading
 from collections import Counter
@@ -97,55 +96,45 @@ def draw(name, runs, two, *more, **properties):
     return getattr(plot, name)(*given.get(name, lambda: (two["non-twisting"],))(), *more, **properties)
 
 
-def test_components_over_time(runs):
-    run = runs[0]
-    for axes, expected in (
-        (plot.momenta(run, frame="space"), run.spatial_momentum),
-        (plot.momenta(run, frame="body"), run.material_momentum),
-        (plot.directors(run, director=2), run.directors[:, 1]),
-    ):
-        assert np.array_equal(np.transpose(ys(axes)), expected)
-        assert len({line.get_color() for line in axes.lines}) == len({str(x._dash_pattern) for x in axes.lines}) == 3
+def dashes(axes):
+    return [str(line._dash_pattern) for line in axes.lines]
 
 
-def test_labels_come_from_the_attributes(runs):
-    axes = plot.momenta(runs[0])
-    assert axes.get_ylabel() == "spatial momentum $π$ (kg m$^{2}$ s$^{-1}$)"
-    assert axes.get_xlabel() == "time $t$ (s)"
-    for first, limits in ((0.02, (0, 0.5)), (0.1, (0.1, 0.5))):  # 0 is shown where it is near
-        assert plot.momenta(runs[0].sel(time=slice(first, None))).get_xlim() == limits
-    assert legends(plot.momenta(runs[0], frame="body")) == [["$Π_{1}$", "$Π_{2}$", "$Π_{3}$"]]
+def inks(lines):
+    return [line.get_color() for line in lines]
+
+
+def test_components_over_time_are_labelled_by_their_attributes(runs):
     run = runs[0].copy()
+    space, body, d2 = plot.momenta(run), plot.momenta(run, frame="body"), plot.directors(run, director=2)
+    expected = run.spatial_momentum, run.material_momentum, run.directors[:, 1]
+    for axes, values in zip((space, body, d2), expected, strict=True):
+        assert np.array_equal(np.transpose(ys(axes)), values)
+        assert len(set(inks(axes.lines))) == len(set(dashes(axes))) == 3
+    assert space.get_ylabel() == "spatial momentum $π$ (kg m$^{2}$ s$^{-1}$)"
+    assert space.get_xlabel() == "time $t$ (s)"
+    assert legends(body) == [["$Π_{1}$", "$Π_{2}$", "$Π_{3}$"]]
     run["kinetic_energy"].attrs = {"units": "eV", "symbol": "T_kin"}
-    axes = plot.energy(run)
+    for first, limits in ((0.02, (0, 0.5)), (0.1, (0.1, 0.5))):  # 0 is shown where it is near
+        axes = plot.energy(run.sel(time=slice(first, None)))
+        assert axes.get_xlim() == limits
     assert (axes.get_ylabel(), len(axes.lines)) == (r"kinetic energy $T_{\mathrm{kin}}$ (eV)", 1)
 
 
 def test_runs_are_compared_by_line_style_components_by_colour(two):
     axes = plot.momenta(two)
-    looks = np.array([(line.get_color(), str(line._dash_pattern)) for line in axes.lines]).reshape(2, 3, 2)
-    assert (looks[0, :, 0] == looks[1, :, 0]).all()
-    assert len(set(looks[0, :, 0])) == 3
-    assert {len(set(looks[k, :, 1])) for k in (0, 1)} == {1}
-    assert looks[0, 0, 1] != looks[1, 0, 1]
+    colours, styles = inks(axes.lines), dashes(axes)
+    assert colours[:3] == colours[3:]
+    assert len(set(colours)) == 3
+    assert styles == [styles[0]] * 3 + [styles[3]] * 3
+    assert len(set(styles)) == 2
     assert np.array_equal(ys(axes)[4], two["standard"].spatial_momentum.sel(axis="y"))
     assert sorted(map(len, legends(axes))) == [2, 3]
 
 
-def test_labels_lie_inside_the_figure_when_ticks_change_as_it_is_laid_out(tmp_path):
-    """As of ten ticks where there was room for five: labels are placed beside those that are drawn."""
-    (ax,) = plot.new_axes(height=2.45)
-    with plot.style():
-        ax.plot([1e-3, 1], [9.422865739818295, -9.331086372293814])
-        ax.set(xlabel="start.angular_velocity.body.2 (rad s$^{-1}$)", xscale="log")
-        ax.set_ylabel("material angular velocity $W_{1}$ (rad s$^{-1}$)")
-    plot.save(ax, tmp_path / "a.png")
-    assert ax.yaxis.label.get_window_extent().x0 >= 0
-
-
 def test_legends_lie_beside_the_axes_and_inside_the_figure(two):
     several = {f"{name} body, {k}": two["non-twisting"] for name in ("one", "another") for k in "ab"}
-    for draw in (plot.multipliers, plot.momenta, plot.path, plot.polhode):
+    for draw in (plot.multipliers, plot.path, plot.polhode):
         axes = draw(several)
         found = boxes(axes.findobj(Legend))
         inside = axes.figure.bbox.padded(1)
@@ -161,27 +150,31 @@ def test_legends_lie_beside_the_axes_and_inside_the_figure(two):
 
 
 @pytest.mark.usefixtures("here")
-def test_figures_for_slides_are_as_the_gallery_says(two):
-    """Letters of 16 pt, the shape of a slide, and rows of the legend that do not overlap."""
+def test_settings_of_the_user_win_as_the_gallery_says_of_slides(two):
+    """Letters of 16 pt, and rows of the legend that do not overlap."""
     page = (Path(__file__).parents[1] / "docs" / "gallery.md").read_text(encoding="utf-8")
     code = page.partition("## Figures for slides")[2].partition("```python\n")[2].partition("```")[0]
     exec(code, names := {"plot": plot, "runs": two})
     axes = names["ax"]
     assert {text.get_fontsize() for text in axes.findobj(Text) if text.get_text()} == {16.0}
-    assert axes.figure.get_figwidth() / axes.figure.get_figheight() == pytest.approx(16 / 9, rel=2e-3)
+    assert {line.get_linewidth() for line in axes.lines} == {2.5}
     first, second = (legend.get_window_extent() for legend in axes.findobj(Legend))
     assert not first.overlaps(second)
-    assert Path("slide.png").exists()
+    with matplotlib.rc_context({"axes.prop_cycle": matplotlib.cycler(color=["#111111", "#222222"])}):
+        axes = plot.momenta(two["standard"])
+        assert inks(axes.lines) == ["#111111", "#222222", "#111111"]
+        assert len(set(dashes(axes))) == 3
+    with plot.style(), matplotlib.rc_context({"lines.linewidth": 2}):
+        assert {line.get_linewidth() for line in plot.momenta(two["standard"]).lines} == {2}
 
 
 STILL = {"t_end": 0.1, "step": 0.01}
 
 
 def test_what_cannot_be_drawn_is_refused(runs, two):
-    run, free = runs[0], nt.simulate(nt.standard(PAPER_J), **STILL, **FREE)
+    run, trajectory = runs[0], nt.integrate(nt.nontwisting(PAPER_J), **STILL)
     many, later = run.expand_dims(member=2), nt.resample(two["standard"], two["standard"].time)
     rest, other = nt.simulate(nt.standard(PAPER_J), **STILL), nt.simulate(nt.standard([3, 4, 5]), **STILL, **FREE)
-    trajectory = nt.integrate(nt.nontwisting(PAPER_J), **STILL)
     for wrong in ([run], {}, {"a": run, "b": 1}, trajectory, {"many": many}, run[["quaternion"]]):
         with says():
             plot.momenta(wrong)
@@ -192,7 +185,7 @@ def test_what_cannot_be_drawn_is_refused(runs, two):
         (plot.energy_drift, later, {}),
         (plot.second_quotient, run, {}),
         (plot.reaction_moment, two, {}),
-        (plot.multipliers, free, {}),
+        (plot.multipliers, other, {}),
         (plot.polhode, rest, {}),
         (plot.polhode, {"a": run, "b": other}, {}),
         (plot.tube, SQUARE, {"radius": -1}),
@@ -222,10 +215,8 @@ def test_long_curves_keep_their_extremes(runs):
     t = np.linspace(0, 1, 100_000)
     run = runs[0][["directors", "orthonormality_defect"]].isel(time=np.zeros(t.size, int)).assign_coords(time=t)
     run["directors"][:, 2, 0] = np.sin(2000 * t)
-    line = plot.directors(run).lines[0]
-    assert line.get_xdata().size <= MOST + 2
-    assert line.get_xdata()[[0, -1]].tolist() == [0, 1]
-    assert np.ptp(line.get_ydata()) == pytest.approx(2, abs=1e-3)
+    x, y = plot.directors(run).lines[0].get_data()
+    assert (x[0], x[-1], x.size <= MOST + 2, np.ptp(y)) == (0, 1, True, pytest.approx(2, abs=1e-3))
     run["orthonormality_defect"][:] = np.arange(t.size) % 1000 * 1e-9
     axes = plot.orthonormality(run)
     assert (ys(axes)[0].size, ys(axes)[0].max(), axes.get_yscale()) == (200, 999e-9, "log")
@@ -235,13 +226,12 @@ def test_second_quotient_with_its_limit(runs):
     quotient = second_quotient(*runs)
     spike = quotient.copy()
     spike[7] = 5.5
-    for each in (quotient, spike):
-        axes = plot.second_quotient(each)
-        curve, limit = ys(axes)
-        assert limit[0] == 4
-        assert axes.get_ylim()[0] < curve.min() < curve.max() < axes.get_ylim()[1]
-    assert ys(plot.second_quotient(quotient, order=1))[1][0] == 2
-    assert legends(plot.second_quotient({"a": quotient, "b": quotient})) == [["a", "b"]]
+    for each, order in ((quotient, {}), (spike, {}), ({"a": quotient, "b": quotient}, {"order": 1})):
+        axes = plot.second_quotient(each, **order)
+        *curves, limit = ys(axes)
+        assert limit[0] == 2 ** order.get("order", 2)
+        assert axes.get_ylim()[0] < np.min(curves) < np.max(curves) < axes.get_ylim()[1]
+    assert legends(axes) == [["a", "b"]]
 
 
 def test_path_hides_what_lies_behind(runs):
@@ -313,12 +303,15 @@ def test_triads_are_the_other_directors(runs):
     for k in (0, 1):
         near, far = named(axes, f"$d_{k + 1}$", f"_$d_{k + 1}$, far side")
         foot, tip = xy(near, far).reshape(9, 2, 2).transpose(1, 0, 2)
-        which = [np.argmin(np.linalg.norm(q[:, 2, :2] - f, axis=1)) for f in foot]
+        which = np.linalg.norm(q[:, None, 2, :2] - foot, axis=2).argmin(0)
         assert np.median(np.linalg.norm(tip - foot - 0.2 * q[which, k, :2], axis=1)) < 1e-12
-        assert k > 0 or all(np.isfinite(line.get_xdata()).any() for line in (near, far))
+        assert min(len(xy(line)) for line in (near, far)) > 0
     assert legends(axes) == [["start", "end", "$d_1$", "$d_2$"]]
     shown = plot.path({"a": runs[0], "b": runs[0]}, triads=2, **ABOVE).get_legend().get_lines()
     assert len({line.get_color() for line in shown if line.get_linestyle() != "None"}) == 4  # two runs, two directors
+
+
+GUIDES = ("_meridian", "_parallel", "_level", "_child")  # what only helps the eye
 
 
 @pytest.mark.parametrize("draw_one", [plot.path, plot.polhode])
@@ -327,29 +320,25 @@ def test_a_sphere_is_drawn_in_the_colours_of_the_style(draw_one, runs):
         axes = draw_one(runs[0])
         assert max(to_rgb(axes.patches[0].get_facecolor())) < 0.05
         for line in [*axes.lines, axes.get_legend().get_lines()[1]]:
-            assert line.get_label().startswith(("_m", "_p", "_l")) or contrast(line.get_color(), "black") >= 2.9
+            assert line.get_label().startswith(GUIDES) or contrast(line.get_color(), "black") >= 2.9
         assert min(contrast(text.get_color(), "black") for text in axes.texts) > 4.5
 
 
 def test_twist_angle_of_long_steps_is_that_of_short_ones():
     """Of states half a radian apart a frame would be transported 0.14 rad wrong."""
-    free, start = nt.standard([3, 4, 5]), {"t_end": 10, "material_angular_velocity": (1, 2, 0.5)}
-    few, many = nt.simulate(free, tolerance=1e-9, **start), nt.simulate(free, step=0.005, **start)
+    free, start = nt.standard([3, 4, 5]), {"tolerance": 1e-9, "t_end": 10, "material_angular_velocity": (1, 2, 0.5)}
+    few, many = nt.simulate(free, **start), nt.simulate(free, times=np.linspace(0, 10, 999), **start)
     assert few.sizes["time"] < 40
     assert abs(nt.twist(few).twist_angle[-1] - nt.twist(many).twist_angle[-1]) > 0.1
-    message = (
-        f"the run has {few.sizes['time']} states, between which the body turns by up to 0.98 rad: its curves are drawn "
-        "as polygons; draw resample(run, times), or run it with times="
-    )
-    with pytest.warns(UserWarning, match=f"^{re.escape(message)}$"):
+    with says(UserWarning):
         drawn = [[y[-1] for y in ys(plot.twist_angle(run, swing=True))[:3]] for run in (few, many)]
     plot.twist_angle(nt.resample(few, np.linspace(0, 10, 200)))  # without a warning
     assert drawn[0] == pytest.approx(drawn[1], abs=1e-7)
     shown = [[_unpacked(content(run)[key])[-1] for key in ("twist", "swing", "area")] for run in (few, many)]
     assert shown[0] == pytest.approx(shown[1], abs=1e-6)
-    held = nt.simulate(nt.suslov(SUSLOV, (0, 0, 1)), tolerance=1e-9, project=True, **start)
+    held = nt.simulate(nt.suslov(SUSLOV, (0, 0, 1)), project=True, **start)
     part = held.sel(time=slice(1, 9))  # whose intervals are those of the whole run
-    with pytest.warns(UserWarning, match=r"^the run has \d\d states, .* its curves are drawn as polygons; "):
+    with says(UserWarning):
         of_held, of_part = (ys(plot.twist_angle(run))[0] for run in (held, part))
     assert abs(of_held).max() < 1e-14
     assert len(of_part) == part.sizes["time"]
@@ -357,11 +346,11 @@ def test_twist_angle_of_long_steps_is_that_of_short_ones():
 
 def test_twist_angle_of_a_spin_and_of_bodies_that_may_not_spin():
     spin = nt.simulate(nt.standard([2, 2, 1]), t_end=4, step=0.02, material_angular_velocity=[0, 0, 3], order=8)
-    axes, with_swing = plot.twist_angle(spin), plot.twist_angle(spin, swing=True)
-    assert ys(axes)[0] == pytest.approx(3 * spin.time.values, abs=1e-10)
-    assert ys(plot.twist_angle(spin, degrees=True))[0][-1] == pytest.approx(np.degrees(12))
-    assert axes.get_ylabel() != with_swing.get_ylabel() == "angle (rad)"
-    _, tau, of_area, _ = ys(with_swing)
+    degrees, axes = plot.twist_angle(spin, degrees=True), plot.twist_angle(spin, swing=True)
+    assert ys(degrees)[0] == pytest.approx(np.degrees(3 * spin.time.values), abs=1e-8)
+    assert degrees.get_ylabel() != axes.get_ylabel() == "angle (rad)"
+    psi, tau, of_area, _ = ys(axes)
+    assert psi == pytest.approx(3 * spin.time.values, abs=1e-10)
     assert np.isnan(tau).sum() == 2  # the jumps of a wrapped angle that reaches 12
     assert abs(of_area).max() < 1e-10
     body = nt.suslov(SUSLOV, [1, 0, 0.2])
@@ -388,11 +377,12 @@ def test_curves_of_many_swings_are_laid_on_each_other():
         widths = [line.get_linewidth() for line in axes.findobj(Legend)[0].get_lines()]
         assert widths[:2] == [thin.get_linewidth(), wide.get_linewidth()]
     with plot.style():
-        assert [line.get_color() for line in (thin, wide)] == [look["color"] for look in cycle()[:2]]
+        assert inks((thin, wide)) == [look["color"] for look in cycle()[:2]]
     assert {line.get_linewidth() for line in plot.twist_angle(long, swing=True, lw=0.9).lines[:3]} == {0.9}
     few, more = (plot.twist_angle(recorded(periods), swing=True).lines[:3] for periods in (10, 10.5))
-    assert (more[1].get_linestyle(), thin.get_zorder()) == ("-", few[0].get_zorder())
-    assert ({line.get_linewidth() for line in few}, few[1].get_linestyle()) == ({1.1}, "--")
+    assert [lines[1].get_linestyle() for lines in (few, more)] == ["--", "-"]
+    assert thin.get_zorder() == few[0].get_zorder()
+    assert {line.get_linewidth() for line in few} == {1.1}
 
 
 def test_multipliers_and_the_published_reaction_moment(runs, two):
@@ -477,19 +467,7 @@ def test_axes_and_properties_that_a_caller_gives_are_used_and_nothing_global_cha
     assert dict(matplotlib.rcParams) == before
     axes = plot.momenta(two, color="red")
     for lines in (axes.lines, *(legend.get_lines() for legend in axes.findobj(Legend))):
-        assert {line.get_color() for line in lines} == {"red"}
-
-
-def test_settings_of_the_user_win(two):
-    users = {"font.size": 12, "lines.linewidth": 3, "axes.prop_cycle": matplotlib.cycler(color=["#111111", "#222222"])}
-    with matplotlib.rc_context(users):
-        axes = plot.momenta(two["standard"])
-        assert axes.xaxis.label.get_size() == 12
-        assert [line.get_color() for line in axes.lines] == ["#111111", "#222222", "#111111"]
-        assert len({str(line._dash_pattern) for line in axes.lines}) == 3
-        assert {line.get_linewidth() for line in axes.lines} == {3}
-    with plot.style(), matplotlib.rc_context({"lines.linewidth": 2}):
-        assert {line.get_linewidth() for line in plot.momenta(two["standard"]).lines} == {2}
+        assert set(inks(lines)) == {"red"}
 
 
 def test_journals(runs):
@@ -512,36 +490,31 @@ def contrast_of(artist):
 
 def test_letters_and_lines_can_be_seen_at_print_size(runs, two):
     """Letters 8 pt high, 4.5 times as dark as the ground; lines that are data or explain it 3 times (WCAG)."""
-    with plot.style():
-        several = plot.new_axes(columns=2, panels=2)
-    figures = [draw(name, runs, two) for name in FUNCTIONS] + [plot.momenta(two, several[0])]
-    figures += [plot.path(two, triads=5, great_circle=True), several[1]]
-    guides = ("_meridian", "_parallel", "_level", "_child")  # what only helps the eye
-    for axes in figures:
-        axes.figure.draw_without_rendering()
-        legend_texts = [text for legend in axes.findobj(Legend) for text in legend.get_texts()]
-        ticks = [axes.xaxis, axes.yaxis] if axes.axison else []
-        for text in [*axes.texts, *legend_texts, *(text for axis in ticks for text in axis.findobj(Text))]:
+    panel, _ = plot.new_axes(columns=2, panels=2)
+    figures = [draw(name, runs, two) for name in FUNCTIONS] + [plot.momenta(two, panel)]
+    for axes in [*figures, plot.path(two, triads=5, great_circle=True)]:
+        texts = [*axes.texts, *(text for legend in axes.findobj(Legend) for text in legend.get_texts())]
+        if axes.axison:
+            low, high = axes.get_ylim()  # no spike is cut
+            assert all(low <= np.nanmin(y) <= np.nanmax(y) <= high for y in ys(axes))
+            for axis in (axes.xaxis, axes.yaxis):
+                texts += [*axis.get_ticklabels(which="both"), axis.label, axis.get_offset_text()]
+        for text in texts:
             assert text.get_size() == 8, text
             assert contrast_of(text) >= 4.5, text
-        if axes.axison:  # no spike is cut
-            low, high = axes.get_ylim()
-            assert all(low <= np.nanmin(y) <= np.nanmax(y) <= high for y in ys(axes))
-        lines = [line for line in axes.lines if not line.get_label().startswith(guides)]
-        assert lines or axes.collections or axes is several[1]
+        lines = [line for line in axes.lines if not line.get_label().startswith(GUIDES)]
+        assert lines or axes.collections
         for line in lines:
             assert contrast_of(line) >= 3, line
             assert line.get_linewidth() >= 0.4
 
 
-@pytest.mark.parametrize("height", [1.8, 4.0])
-def test_panels_have_letters_of_one_height_beside_their_legends(height, two):
-    panels = plot.new_axes(columns=2, panels=3, height=height)
+def test_panels_have_letters_of_one_height_beside_their_legends(two):
+    panels = plot.new_axes(columns=2, panels=3, height=1.8)
     for axes, draw_one in zip(panels, (plot.path, plot.polhode, plot.momenta), strict=True):
         draw_one(two, axes)
-    found = boxes(
-        [next(t for t in axes.texts if t.get_text() == name) for axes, name in zip(panels, "abc", strict=True)]
-    )
+    letters = [text for axes in panels for text in axes.texts if text.get_text() in ("a", "b", "c")]
+    found = boxes(letters)
     assert [box.y0 for box in found] == pytest.approx([found[0].y0] * 3, abs=0.1)
     for box in found:
         assert all(panels[0].figure.bbox.contains(*corner) for corner in (box.p0, box.p1))
@@ -556,19 +529,18 @@ def test_colours_are_those_of_the_pages(runs, two):
         (plot.momenta(runs[0]), ("d1", "d2", "d3")),
         (plot.twist_angle(two["standard"], swing=True), ("twist", "d1", "d3")),
         (plot.reaction_moment(runs[0]), ("frame",)),
+        *((plot.path(runs[0], director=k), [f"d{k}"]) for k in (1, 3)),
     ):
-        assert [line.get_color() for line in axes.lines[: len(names)]] == [ink[name] for name in names]
-    for director in (1, 3):
-        assert path_of(plot.path(runs[0], director=director))[0].get_color() == ink[f"d{director}"]
-    figures = [draw_one(two) for draw_one in (plot.twist_angle, plot.energy, plot.orthonormality, plot.polhode)]
-    figures += [plot.path(two, director=director) for director in (1, 2, 3)]
+        own = [line for line in axes.lines if not line.get_label().startswith(GUIDES)]
+        assert inks(own[: len(names)]) == [ink[name] for name in names]
+    figures = [draw_one(two) for draw_one in (plot.twist_angle, plot.energy, plot.polhode)]
     with plot.style():
         looks = cycle()
-    for (label, look), axes in itertools.product(zip(two, looks, strict=False), figures):
-        (line,) = [line for line in axes.lines if line.get_label().split(", ")[-1] == label]
-        assert line.get_color() == look["color"], (axes.get_ylabel(), label)
-        handles = [line for legend in axes.findobj(Legend) for line in legend.get_lines()]
-        assert look["color"] in [line.get_color() for line in handles]
+    for axes in [*figures, *(plot.path(two, director=director) for director in (1, 2, 3))]:
+        for label, look in zip(two, looks, strict=False):
+            (line,) = [line for line in axes.lines if line.get_label().split(", ")[-1] == label]
+            assert line.get_color() == look["color"], (axes.get_ylabel(), label)
+            assert any(look["color"] in inks(legend.get_lines()) for legend in axes.findobj(Legend))
 
 
 def test_the_energy_of_tops_shows_what_is_exchanged():
@@ -600,7 +572,7 @@ def test_the_energy_of_tops_shows_what_is_exchanged():
 def test_names_of_axes_are_clear_of_paths_and_of_the_legend():
     """Of paths in all directions; and where an axis points at the legend."""
     rng = np.random.default_rng(3)
-    for k in range(5):
+    for k in range(3):
         how = {"rotation": Rotation.random(random_state=rng), "material_angular_velocity": 2 * rng.normal(size=3)}
         run = nt.simulate(nt.standard([2, 4, 5]), t_end=3, **how)
         with apart():
@@ -639,18 +611,25 @@ def test_a_tube_closes_and_has_its_radius():
     assert np.ptp([path.vertices[:, 1] for path in faces.get_paths()]) == pytest.approx(0.4)
 
 
-def test_files_have_a_journals_size_and_embedded_fonts(runs, tmp_path):
-    drawn = plot.momenta(runs[0])
-    layout = drawn.figure.get_layout_engine()
+def test_files_have_a_journals_size_and_embedded_fonts(tmp_path):
+    """Of axes with ten ticks where there was room for five: labels are placed beside those that are drawn."""
+    (ax,) = plot.new_axes(height=2.45)
+    with plot.style():
+        ax.plot([1e-3, 1], [9.422865739818295, -9.331086372293814])
+        ax.set(xlabel="start.angular_velocity.body.2 (rad s$^{-1}$)", xscale="log")
+        ax.set_ylabel("material angular velocity $W_{1}$ (rad s$^{-1}$)")
+    layout = ax.figure.get_layout_engine()
     files = [tmp_path / f"a.{kind}" for kind in ("pdf", "png", "svg")]
     with patch.object(type(layout), "execute", autospec=True, side_effect=type(layout).execute) as laid_out:
-        plot.save(drawn, *files)
+        plot.save(ax, *files)
     assert laid_out.call_count == 2  # for the ticks, and then for their labels; not again for each file
-    assert drawn.figure.get_layout_engine() is layout
+    assert ax.figure.get_layout_engine() is layout
+    assert ax.yaxis.label.get_window_extent().x0 >= 0
     pdf, svg = files[0].read_bytes(), files[2].read_bytes()
     assert matplotlib.image.imread(files[1]).shape[1] == 3.5 * 300
     assert b"/Type42" in pdf or b"/CIDFontType2" in pdf
-    assert not any(word in text for word, text in ((b"/Type3", pdf), (b"/CreationDate", pdf), (b"<dc:date>", svg)))
+    for word, text in ((b"/Type3", pdf), (b"/CreationDate", pdf), (b"<dc:date>", svg)):
+        assert word not in text
 
 
 def test_pyplot_shows_and_saves_the_figure_where_it_has_been_imported(runs, tmp_path):
@@ -678,6 +657,7 @@ def test_a_notebook_shows_the_figure_that_a_cell_ends_in(runs, monkeypatch):
 
 # Machado, Oliveira, Fernandes, IEEE Trans. Vis. Comput. Graph. 15 (2009) 1291-1298, severity 1, on linear RGB
 BLINDNESS = {
+    "grey": [[0.2126, 0.7152, 0.0722]] * 3,
     "none": np.eye(3),
     "protan": [[0.152286, 1.052583, -0.204868], [0.114503, 0.786281, 0.099216], [-0.003882, -0.048116, 1.051998]],
     "deutan": [[0.367322, 0.860646, -0.227968], [0.280085, 0.672501, 0.047413], [-0.011820, 0.042940, 0.968881]],
@@ -697,11 +677,8 @@ def test_colours_are_told_apart_in_grey_and_with_any_colour_vision():
     with plot.style():
         rgb = np.array([to_rgb(colour) for colour in dict.fromkeys(look["color"] for look in cycle())])
     linear = np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4)
-    grey = cielab(linear)[:, 0]
-    assert len(grey) == 4
-    assert np.diff(np.sort(grey[:3])).min() > 20
-    assert np.diff(np.sort(grey)).min() > 8
+    assert len(linear) == 4
     for name, matrix in BLINDNESS.items():
         seen = cielab(np.clip(linear @ np.transpose(matrix), 0, 1))
-        gaps = [np.linalg.norm(a - b) for a, b in itertools.combinations(seen, 2)]
-        assert min(gaps) > 30, name
+        for count, least in ((3, 20), (4, 8)) if name == "grey" else ((4, 30),):
+            assert min(np.linalg.norm(a - b) for a, b in itertools.combinations(seen[:count], 2)) > least, name

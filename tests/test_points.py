@@ -19,7 +19,7 @@ PUSHED = {
 }
 
 
-@pytest.mark.parametrize("name", BODIES)
+@pytest.mark.parametrize("name", ["heavy_top", "suslov"])
 def test_positions_are_those_of_scipy_and_velocities_their_derivative(name):
     """x = Λ X; x' by a central difference of order 4 of neighbouring states, which are closer than the steps."""
     t, e = 0.6, 1e-3
@@ -34,13 +34,12 @@ def test_positions_are_those_of_scipy_and_velocities_their_derivative(name):
     np.testing.assert_allclose(v, np.cross(run.angular_velocity.values[:, None], x), rtol=0, atol=1e-13)
 
 
-@pytest.mark.parametrize("body", [nt.standard, nt.nontwisting])
-def test_energy_and_momentum_of_a_body_are_those_of_its_points(body):
+def test_energy_and_momentum_of_a_body_are_those_of_its_points():
     """K = Σ ½ m |x'|² and π = Σ m x × x' at every node, where the velocities are not tangent too (eq-director-K)."""
     masses, points = RNG.uniform(0.5, 2, 6), RNG.normal(size=(3, 3))
     points = np.concatenate([points, points * [-1, -1, 1]])  # E3 is principal
     masses[3:] = masses[:3]
-    run = nt.simulate(body(nt.inertia.of_points(masses, points)), **PUSHED, **EM)
+    run = nt.simulate(nt.nontwisting(nt.inertia.of_points(masses, points)), **PUSHED, **EM)
     x, v = nt.point_position(run, points).values, nt.point_velocity(run, points).values
     np.testing.assert_allclose(np.einsum("p,kpx,kpx->k", masses, v, v) / 2, run.kinetic_energy, rtol=1e-13)
     momentum = np.einsum("p,kpx->kx", masses, np.cross(x, v))

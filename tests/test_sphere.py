@@ -48,7 +48,7 @@ def mp_exp(d0, v):
 def starts(angles):
     """Triples d0, u across it, angle: pairs that many ulp-sized accidents have passed through, in all directions."""
     rng = np.random.default_rng(7)
-    points = [*AXES, *(-AXES), *rng.normal(size=(3, 3)), [1.0, 1e-8, 1e-200], [1.0, 1.0, 1.0], [0.6, 0.8, 0.0]]
+    points = [*AXES, -E1, *rng.normal(size=(2, 3)), [1.0, 1e-8, 1e-200], [1.0, 1.0, 1.0], [0.6, 0.8, 0.0]]
     for point in points:
         d0 = exact(np.array(point) / np.linalg.norm(point))
         for seed in (AXES[1], AXES[2], rng.normal(size=3)):
@@ -125,21 +125,18 @@ def curve(t):
     return d, v, np.stack([-np.sin(t), -np.exp(-t), 2 * t], -1)
 
 
-@pytest.mark.parametrize("grid", ["uniform", "random"])
-def test_covariant_derivative_is_of_fourth_order_up_to_the_ends(grid):
-    steps, errors = [], []
-    for n in (100, 200, 400):
+@pytest.mark.parametrize("unevenness", [0, 0.3])
+def test_covariant_derivative_is_of_fourth_order_up_to_the_ends(unevenness):
+    errors = []
+    for n in (100, 400):
         t = np.linspace(0, 2, n + 1)
-        if grid == "random":
-            t[1:-1] += np.random.default_rng(2).uniform(-0.3, 0.3, n - 1) * 2 / n
+        t[1:-1] += np.random.default_rng(2).uniform(-unevenness, unevenness, n - 1) * 2 / n
         d, v, v_dot = curve(t)
-        steps.append(1 / n)
         errors.append(np.abs(sphere.covariant_derivative(d, v, t) - sphere.project(d, v_dot)).max())
-    slope = np.polyfit(np.log(steps), np.log(errors), 1)[0]
-    assert 3.7 < slope < 4.4, (slope, errors)
+    assert 3.7 < np.log(errors[0] / errors[1]) / np.log(4) < 4.4
 
 
-@pytest.mark.parametrize("n", [2, 3, 4, 5, 9])
+@pytest.mark.parametrize("n", [2, 4, 9])
 def test_covariant_derivative_is_exact_for_polynomials_of_the_stencil(n):
     t = np.sort(np.random.default_rng(n).uniform(-1, 1, n))
     coefficients = np.arange(1.0, min(n, 5) + 1)[:, None] * [1.0, -2.0, 0.5]
@@ -169,22 +166,6 @@ def tangents(rng, count):
     d = rng.normal(size=(count, 3))
     d /= np.linalg.norm(d, axis=-1, keepdims=True)
     return d, np.cross(d, rng.normal(size=(count, 3)))
-
-
-def test_covariant_derivatives_of_the_fields_of_colatitude_and_longitude():
-    """The Christoffel symbols of S²: ∇_φ e_φ = −cot θ e_θ, ∇_φ e_θ = cot θ e_φ, ∇_θ e_θ = ∇_θ e_φ = 0."""
-    south = lambda d: np.array([d[2] * d[0], d[2] * d[1], d[2] ** 2 - 1]) / np.hypot(d[0], d[1])  # noqa: E731
-    east = lambda d: np.array([-d[1], d[0], 0]) / np.hypot(d[0], d[1])  # noqa: E731
-    for theta in (0.5, 2.0):
-        d = np.array([np.sin(theta) * np.cos(0.7), np.sin(theta) * np.sin(0.7), np.cos(theta)])
-        cotangent, e, s = np.cos(theta) / np.sin(theta), east(d), south(d)
-        for field, w, want in (
-            (east, e, -cotangent * s),
-            (south, e, cotangent * e),
-            (south, s, 0 * d),
-            (east, s, 0 * d),
-        ):
-            assert_allclose(sphere.covariant_derivative_of_field(field, d, w), want, rtol=0, atol=1e-11)
 
 
 def test_split_tensor_gives_both_parts_with_their_kernels():
@@ -246,12 +227,3 @@ def test_what_is_just_accepted():
     assert sphere.splits([TURN, *UNSPLIT.values()], E3, E1).tolist() == [True] + 6 * [False]
     still = sphere.covariant_derivative_of_field(lambda d: np.cross(E3, d), E1, np.zeros((2, 3)))
     assert_array_equal(still, np.zeros((2, 3)))
-
-
-def test_covariant_derivative_of_the_velocity_vanishes_along_a_geodesic():
-    t = np.linspace(0, 1, 200)
-    d0, v0 = np.array([0.6, 0.8, 0.0]), np.array([[0.8, -0.6, 1.0], [0.0, 0.0, 2.0]])
-    d = sphere.geodesic(d0, v0[:, None, :], t)
-    v = sphere.transport(d0, d, v0[:, None, :])
-    np.testing.assert_allclose(sphere.covariant_derivative(d, v, t), 0.0, atol=1e-7)
-    assert np.abs(sphere.covariant_derivative(d, v * t[:, None], t) - v).max() < 1e-7

@@ -53,21 +53,13 @@ def test_motions_have_no_twist_and_their_length():
 
 
 def test_no_motion_without_twist_is_shorter():
-    """Of motions in a few pieces, each with a fixed axis across d3, and of small changes of the shortest ones."""
+    """Of motions in a few pieces, each with a fixed axis across d3."""
     for _ in range(150):
         angles, directions = RNG.uniform(0, 2.5, 4), RNG.uniform(0, 2 * np.pi, 4)
         R = Rotation.identity()
         for angle, phi in zip(angles, directions, strict=True):
             R = R * Rotation.from_rotvec(angle * np.array([np.cos(phi), np.sin(phi), 0]))
         assert steer(EYE, R).length <= angles.sum() + 1e-13
-    t = (np.arange(100) + 0.5) / 100
-    for R in Rotation.random(8, rng=RNG):
-        W = steer(EYE, R).material_angular_velocity(t)
-        bent = W + 0.2 * np.stack([np.sin(3 * t), np.cos(2 * t), 0 * t], axis=1)
-        end = Rotation.identity()
-        for w in bent / 100:
-            end = end * Rotation.from_rotvec(w)
-        assert steer(EYE, end).length <= np.linalg.norm(bent, axis=1).mean() + 1e-12
 
 
 @pytest.mark.parametrize("angle", [1e-300, 1e-12, 0.1, 1, 2, np.pi, -0.5, -np.pi])

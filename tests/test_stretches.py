@@ -66,17 +66,15 @@ def started(name, order, store, velocities=((1.3, -0.7, 2.1),)):
 
 def test_jumps_cost_no_order():
     """A rectangle at times that no equal steps meet; order 4 at half the step is 16 times nearer to the truth."""
-    load, scheme = LOAD, INTEGRATORS["continuous"](rtol=1e-12, atol=1e-14)
-    truth = nt.integrate(BODY, times=[2.0], integrator=scheme, load=load, **W).directors[-1]
+    scheme = INTEGRATORS["continuous"](rtol=1e-12, atol=1e-14)
+    truth = nt.integrate(BODY, times=[2.0], integrator=scheme, load=LOAD, **W).directors[-1]
     plan, begin, _ = started("gauss", 4, "end")
-    errors = [
-        abs(integrated(plan, begin, stretches_of(load, 0, 2, h)).directors[-1] - truth).max()
-        for h in (0.08, 0.04, 0.02)
-    ]
-    assert errors[1] / errors[2] == pytest.approx(16, rel=0.2)
+    runs = [integrated(plan, begin, stretches_of(LOAD, 0, 2, h)) for h in (0.04, 0.02)]
+    errors = [abs(run.directors[-1] - truth).max() for run in runs]
+    assert errors[0] / errors[1] == pytest.approx(16, rel=0.2)
     with pytest.warns(UserWarning, match="off the grid of step"):
-        equal = nt.integrate(BODY, t_end=2, step=0.02, load=load, store="end", integrator="gauss", order=4, **W)
-    assert abs(equal.directors[-1] - truth).max() > 100 * errors[2]
+        equal = nt.integrate(BODY, t_end=2, step=0.02, load=LOAD, store="end", integrator="gauss", order=4, **W)
+    assert abs(equal.directors[-1] - truth).max() > 100 * errors[1]
 
 
 @pytest.mark.parametrize("name", STEPPING)
@@ -144,10 +142,8 @@ def test_an_interrupted_run_takes_up_its_grid(name, after, monkeypatch, tmp_path
     again = nt.integrate(BODY, start=nt.open_run(tmp_path / "part.nc"), **how)
     assert np.array_equal(again.time, rest.time)
     assert np.allclose(again.material_angular_velocity, rest.material_angular_velocity, rtol=0, atol=1e-14)
-    other = nt.integrate(BODY, start=partial, **how | {"load": LOAD + nt.pulse((1, 0, 0), 1.5, 1.6)})
-    assert {1.5, 1.6} <= set(other.time.tolist())
-    longer = nt.integrate(BODY, start=partial, **how | {"t_end": 3})
-    assert longer.time[-1] == 3
+    other = nt.integrate(BODY, start=partial, **how | {"load": LOAD + nt.pulse((1, 0, 0), 1.5, 1.6), "t_end": 3})
+    assert {1.5, 1.6, 3.0} <= set(other.time.tolist())
 
 
 def test_a_step_that_is_given_is_the_same_throughout():
@@ -181,12 +177,3 @@ def test_a_short_pulse_is_resolved_where_it_acts():
     assert (grid.numbers, grid.longest) == ((0, 50, 70, 120), 1.0)
     assert stretches_of(load + nt.sine((1, 0, 0), 0.5), 0.0, 100.0, 1.0).numbers == (0, 500, 520, 1020)
     assert stretches_of(load, 0.0, 100.0, 2.0, even=True, higher=5).numbers == (0, 26, 30, 56)
-
-
-def test_a_long_table_is_marched_in_one_call():
-    t = np.linspace(0, 10, 3001) + 1e-4 * np.sin(np.arange(3001))
-    load = nt.space_moment(t, np.stack([np.sin(t), np.cos(3 * t), t], axis=1))
-    run = nt.integrate(BODY, t_end=10, load=load, store="end", integrator="split", **W)
-    assert len(run.stretches.sizes) == 3000
-    impulse = np.array([1 - np.cos(10), np.sin(30) / 3, 50.0])
-    assert run.moment[0] * 10 == pytest.approx(impulse, abs=2e-3)

@@ -3,7 +3,6 @@
 import re
 import warnings
 
-import mpmath
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -14,7 +13,6 @@ from conftest import compiled_load
 from nontwist.driver import completion, tolerance
 from nontwist.driver.starts import Starts
 from nontwist.errors import SimulationError
-from nontwist.inertia import convected_inertia
 from nontwist.integrators import Continuous, Gauss, Status
 from nontwist.integrators.costs import gyration_rate, largest_velocity
 from nontwist.models.stack import stacked
@@ -75,17 +73,6 @@ def test_2000_problems_are_solved_within_their_tolerance():
     assert found.max() <= 10
 
 
-@pytest.mark.parametrize("seed", [1, pytest.param(3, marks=pytest.mark.long)])
-def test_the_truth_is_that_of_34_digits(seed):
-    task = generated(seed)
-    task = task._replace(t_end=0.04 * task.t_end, tolerance=1e-11)
-    with mpmath.workdps(34):
-        many = truth(task, [task.t_end], mpmath.mpf, 1e-19)
-    few = truth(task, [task.t_end])
-    assert abs(many[0].astype(float) - few[0].astype(float)).max() <= 4e-16
-    assert abs((many[0][0].astype(np.longdouble) - few[0][0]).astype(float)).max() <= 1e-15
-
-
 def test_the_choice_is_recorded_and_the_order_may_be_fixed():
     run = nt.integrate(BODY, t_end=5, load=LOAD, tolerance=1e-9, **GAUSS, **W)
     assert run.tolerance == 1e-9
@@ -93,10 +80,8 @@ def test_the_choice_is_recorded_and_the_order_may_be_fixed():
     assert run.integrator.order in (4, 8, 12, 16)
     assert run.step == pytest.approx(float(np.diff(run.time).max()), rel=1e-12)
     assert set(LOAD.breakpoints) <= set(run.time.tolist())
-    for how in ({"integrator": "gauss", "order": 6}, {"integrator": Gauss(order=6)}):
-        assert nt.integrate(BODY, t_end=2, tolerance=1e-7, **how, **W).integrator == Gauss(order=6)
-    for name, orders in (("split", (4, 6)), ("lie-midpoint", (2,))):
-        assert nt.integrate(BODY, t_end=2, tolerance=1e-6, integrator=name, **W).integrator.order in orders
+    assert nt.integrate(BODY, t_end=2, tolerance=1e-7, integrator=Gauss(order=6), **W).integrator == Gauss(order=6)
+    assert nt.integrate(BODY, t_end=2, tolerance=1e-6, integrator="split", **W).integrator.order in (4, 6)
     old = nt.integrate(BODY, t_end=5, order=2, **GAUSS, **W)
     assert old.tolerance is None
     assert old.step * np.linalg.norm(old.material_angular_velocity, axis=1).max() <= 0.05
@@ -105,15 +90,13 @@ def test_the_choice_is_recorded_and_the_order_may_be_fixed():
 def test_states_are_close_where_nobody_has_chosen_a_step():
     """At most 0.05 rad and a hundredth of the run apart, however long the steps are; not where a tolerance is given."""
     shown = nt.integrate(BODY, t_end=5, **W)
-    fastest = np.linalg.norm(shown.material_angular_velocity, axis=1).max()
     apart = np.diff(shown.time).max()
-    assert apart * fastest <= 0.05
+    assert 0.015 < apart * np.linalg.norm(shown.material_angular_velocity, axis=1).max() <= 0.05
     assert shown.step > 5 * apart
     assert (shown.tolerance, shown.error_estimate <= 1e-8) == (1e-8, True)
     assert len(nt.integrate(BODY, t_end=5).time) > 100  # at rest
     run = nt.integrate(BODY, t_end=5, tolerance=1e-8, **W)
     assert np.diff(run.time).max() == pytest.approx(run.step)
-    assert run.step > 5 * apart
     swing = nt.simulate(PENDULUM, t_end=20, rotation=Rotation.from_euler("x", 1e-3))
     assert 2 * np.pi / OMEGA / np.diff(swing.time).max() > 30
 
@@ -163,13 +146,12 @@ def test_a_default_run_that_amplifies_round_off_says_so():
     stick = nt.heavy_top(J, mass=0.12, centre_of_mass=(0, 0, 0.4))
     start = Rotation.from_euler("x", np.pi / 2)
     told = r"the motion amplifies errors: .* moves the end by (\S+) rad, so it is known to (\S+) rad at best"
-    for t_end in (9, 12):
-        with pytest.warns(UserWarning, match=told) as seen:
-            run = nt.integrate(stick, t_end=t_end, rotation=start)
-        moved, at_best = map(float, re.search(told, str(seen[0].message)).groups())
-        assert len(seen) == 1
-        assert 1e-4 < moved < 1
-        assert (at_best, run.tolerance) == pytest.approx((10 * moved, 10 * moved), rel=0.06)
+    with pytest.warns(UserWarning, match=told) as seen:
+        run = nt.integrate(stick, t_end=9, rotation=start)
+    moved, at_best = map(float, re.search(told, str(seen[0].message)).groups())
+    assert len(seen) == 1
+    assert 1e-4 < moved < 1
+    assert (at_best, run.tolerance) == pytest.approx((10 * moved, 10 * moved), rel=0.06)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         assert nt.integrate(stick, t_end=5, rotation=start).tolerance < 1e-3
@@ -219,7 +201,7 @@ def hanging(t, directors, w):
     return 4 * OMEGA**2 * np.cross(-directors[2], np.array([0, 0, -1.0]))
 
 
-SWINGS = [(0.1, 1e-4), (0.1, 1e-10), (1e-3, 1e-8), (1e-5, 1e-4), (1e-5, 1e-6), (1e-5, 1e-10)]
+SWINGS = [(0.1, 1e-4), (1e-5, 1e-4), (1e-5, 1e-10)]
 
 
 @pytest.mark.parametrize(("angle", "tolerance"), [*SWINGS, (1e-3, None)])
@@ -238,13 +220,13 @@ def test_a_pendulum_that_hardly_moves_is_within_its_tolerance(angle, tolerance):
     assert run.error_estimate <= how["tolerance"]
 
 
-@pytest.mark.parametrize("load", [nt.rotor((1, 2, 2), 25.0), nt.wheel((1, 2, 2), 0.05, speed=500)])
-def test_a_small_gyration_behind_many_kinks_is_refined(load):
+def test_a_small_gyration_behind_many_kinks_is_refined():
     """Kinks that are 0.5 s apart, then 60 s that begin with steps in which the rotor turns W by some rad."""
     body, rng = nt.standard([[22, 0.4, -0.3], [0.4, 20.5, 0.2], [-0.3, 0.2, 24.5]]), np.random.default_rng(3)
     times, moments = np.arange(0, 30.5, 0.5), 0.02 * rng.normal(size=(61, 3))
     moments[[0, -1]] = 0
-    how = {"load": load + nt.body_moment(times, moments), "material_angular_velocity": (0.012, -0.015, 0.018)}
+    load = nt.wheel((1, 2, 2), 0.05, speed=500) + nt.body_moment(times, moments)
+    how = {"load": load, "material_angular_velocity": (0.012, -0.015, 0.018)}
     run = nt.simulate(body, t_end=90, tolerance=1e-8, **how)
     exact = nt.simulate(body, t_end=90, step=0.05, integrator="gauss", order=8, **how)
     ends = (nt.rotation(one)[-1] for one in (run, exact))
@@ -272,7 +254,7 @@ def test_the_rate_of_a_gyration_is_that_of_the_linear_motion():
     assert gyration_rate(stacked(nt.standard(J)), nt.damping(1), 0, 2) == 0
 
 
-@pytest.mark.parametrize(("angle", "tolerance"), [(0.0, None), (1e-12, 1e-10), (1e-9, None), (1e-9, 1e-10)])
+@pytest.mark.parametrize(("angle", "tolerance"), [(0.0, None), (1e-12, 1e-10)])
 def test_a_body_in_equilibrium_has_a_tolerance(angle, tolerance):
     """Its angular velocity is round-off, relative to which nothing can be computed."""
     start = {"rotation": Rotation.from_rotvec([angle, 0, 0]), "load": nt.spring(20.0, (0, 0, 1), (0, 0, 1.5))}
@@ -281,9 +263,9 @@ def test_a_body_in_equilibrium_has_a_tolerance(angle, tolerance):
     assert nt.rotation(run).magnitude().max() <= angle + 1e-10
 
 
-@pytest.mark.parametrize("radius", [1e-2, 1e-6])
-def test_a_slender_rod_that_does_not_turn_about_itself_needs_no_more_steps(radius):
+def test_a_slender_rod_that_does_not_turn_about_itself_needs_no_more_steps():
     """It swings by 150°; a quarter period is K(sin 75°)/ω, where it hangs straight."""
+    radius = 1e-6
     rod = nt.heavy_top([1 / 3 + radius**2 / 4] * 2 + [radius**2 / 2], 1.0, [0, 0, 0.5])
     omega, start = np.sqrt(9.81 * 0.5 / rod.convected_inertia[0, 0]), np.radians(150)
     quarter = ellipk(np.sin(start / 2) ** 2) / omega
@@ -300,25 +282,6 @@ def test_a_slender_rod_that_does_not_turn_about_itself_needs_no_more_steps(radiu
 def test_the_error_of_a_fast_spin_is_that_of_round_off():
     run = nt.integrate(nt.standard([0.0147, 0.0015, 0.0162]), t_end=1, material_angular_velocity=(720, 3, 1))
     assert run.error_estimate <= run.tolerance == 1e-8
-
-
-def or_long(quick, count):
-    return [seed if seed in quick else pytest.param(seed, marks=pytest.mark.long) for seed in range(count)]
-
-
-@pytest.mark.parametrize("seed", or_long((1, 2, 3, 7), 12))
-def test_no_body_is_faster_than_its_bound(seed):
-    """Slender ones, with and without weight, moments in space, and damping that couples the axes."""
-    r = np.random.default_rng(seed)
-    turn = Rotation.random(rng=r).as_matrix()
-    centre, t_end = r.normal(size=3) * 0.3, r.choice([0.05, 0.3, 2.0])
-    J = nt.inertia.shift(convected_inertia(turn @ np.diag(r.uniform(0.01, 1, 3) ** 3 + 1e-4) @ turn.T), 1.0, centre)
-    body = nt.heavy_top(J, 1.0, centre) if seed % 3 else nt.standard(J)
-    load = nt.space_moment([0, t_end / 2, t_end], r.normal(size=(3, 3)) * 0.1) if seed % 2 else nt.Load()
-    if seed % 4 > 1:
-        root = r.normal(size=(3, 3)) * r.choice([0.01, 0.1])
-        load += nt.damping(root @ root.T)
-    require_bound(body, load, t_end, r.normal(size=3) * r.choice([0.1, 3]))
 
 
 def require_bound(body, load, t_end, start):
@@ -344,7 +307,7 @@ def test_the_bounds_of_balls_are_reached():
         assert found == pytest.approx([fastest, bound or fastest], rel=1e-12)
 
 
-@pytest.mark.parametrize("seed", or_long((0, 5), 8))
+@pytest.mark.parametrize("seed", [5, *(pytest.param(seed, marks=pytest.mark.long) for seed in range(5))])
 def test_damping_that_couples_the_axes_may_spin_a_slender_body(seed):
     """A start across its axis, J3 a thousandth of J1 and J2: without the coupling each of them exceeds the bound."""
     root = np.random.default_rng(seed).normal(size=(3, 3)) * 0.1
@@ -352,8 +315,7 @@ def test_damping_that_couples_the_axes_may_spin_a_slender_body(seed):
 
 
 @pytest.mark.parametrize(
-    ("name", "order", "tolerance"),
-    [("lie-midpoint", 2, 1e-3), ("energy-momentum", 2, 1e-5), ("gauss", 4, 1e-5), ("split", 4, 1e-3)],
+    ("name", "order", "tolerance"), [("lie-midpoint", 2, 1e-3), ("gauss", 4, 1e-5), ("split", 4, 1e-3)]
 )
 def test_low_orders_take_no_more_steps_than_they_need(name, order, tolerance):
     """A tenth of the tolerance is accepted; their first steps, by the local estimate, were ten times finer."""

@@ -2,7 +2,7 @@
 
 import pickle
 import re
-import warnings
+from functools import partial
 
 import numpy as np
 import pytest
@@ -11,6 +11,9 @@ from scipy.spatial.transform import Rotation
 from nontwist import TwistCounter, twist
 from test_twist import smooth
 
+pytestmark = pytest.mark.filterwarnings("ignore:.*right angle:UserWarning")
+counted = partial(twist, scalar_first=False)
+
 
 def raw(seed, n=60):
     """Quaternions of a smooth motion, rounded to four decimals as recordings are, with random signs."""
@@ -18,25 +21,17 @@ def raw(seed, n=60):
     return q * np.random.default_rng(seed).choice([-1, 1], size=(n, 1))
 
 
-def quietly(*arguments, **options):
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        return twist(*arguments, scalar_first=False, **options)
-
-
-@pytest.mark.parametrize(
-    ("seed", "order", "axis_frame"), [(0, 2, "body"), (1, 4, "body"), (2, 2, "space"), (3, 4, "space")]
-)
+@pytest.mark.parametrize(("seed", "order", "axis_frame"), [(0, 2, "body"), (3, 4, "space")])
 def test_after_each_sample_it_is_the_twist_of_the_samples_so_far_bit_for_bit(seed, order, axis_frame):
     """Also after a start from rest."""
     how = {"axis": np.random.default_rng(seed).normal(size=3), "order": order, "axis_frame": axis_frame}
-    rest = 1e-9 * np.random.default_rng(1).normal(size=(20, 4)) + raw(2)[0]
-    for q, moving in ((raw(seed, 40), 3), (np.concatenate([rest, raw(2, 10)[1:]]), 99)):
-        whole, counter = quietly(q, **how), TwistCounter(**how, scalar_first=False)
+    rest = 1e-9 * np.random.default_rng(1).normal(size=(9, 4)) + raw(2)[0]
+    for q, moving in ((raw(seed, 25), 3), (np.concatenate([rest, raw(2, 10)[1:]]), 99)):
+        whole, counter = counted(q, **how), TwistCounter(**how, scalar_first=False)
         for k, x in enumerate(q):
             count = counter.update(x)
             if k:
-                far = quietly(q[: k + 1], **how)
+                far = counted(q[: k + 1], **how)
                 assert count == (far.twist_angle.values[-1], far.error_estimate.values[-1])
             if order == 2:
                 assert count.twist == whole.twist_angle.values[k]
@@ -48,19 +43,19 @@ def test_turns_between_wide_steps_count_as_in_twist():
     """Where the frame that is extrapolated is far from the one that settles."""
     q = np.random.default_rng(1).standard_normal((99, 4))
     q /= np.linalg.norm(q, axis=1)[:, None]
-    whole, counter = quietly(q), TwistCounter(scalar_first=False)
+    whole, counter = counted(q), TwistCounter(scalar_first=False)
     settled = [(counter.update(x), counter.settled)[1] for x in q]
     assert settled[4:] == whole.twist_angle.values[3:-1].tolist()
 
 
 @pytest.mark.parametrize("order", [2, 4])
-@pytest.mark.parametrize("size", [1e-104, 1e-160, 1e-300])
+@pytest.mark.parametrize("size", [1e-104, 1e-300])
 def test_an_axis_that_moves_by_next_to_nothing_counts_as_in_twist(size, order):
     q = np.concatenate([size * np.random.default_rng(0).standard_normal((60, 2)), np.tile([0.6, 0.8], (60, 1))], axis=1)
     counter = TwistCounter(order=order, scalar_first=False)
     found = np.array([counter.update(x) for x in q])
     assert np.isfinite(found).all()
-    assert found[:, 0] == pytest.approx(quietly(q, order=order).twist_angle.values, abs=1e-15)
+    assert found[:, 0] == pytest.approx(counted(q, order=order).twist_angle.values, abs=1e-15)
 
 
 @pytest.mark.parametrize("order", [2, 4])
@@ -70,7 +65,7 @@ def test_rests_and_repetitions_count_as_in_twist(order):
     held = np.repeat(R.as_quat(), np.where(np.arange(80) == 40, 30, 1), axis=0)
     spin = np.where(np.arange(109) < 40, 0, np.minimum(np.arange(109) - 40, 29)) * 0.8
     q = (Rotation.from_quat(held) * Rotation.from_rotvec(np.outer(spin, [0, 0, 1]))).as_quat()
-    whole, counter = quietly(q, order=order), TwistCounter(order=order, scalar_first=False)
+    whole, counter = counted(q, order=order), TwistCounter(order=order, scalar_first=False)
     found = [counter.update(x).twist for x in q]
     assert found[-1] == whole.twist_angle.values[-1]
     assert found == pytest.approx(whole.twist_angle.values, abs=0.05 if order == 4 else 0)
@@ -91,7 +86,6 @@ def test_many_streams_are_as_one_each(order):
 
 FORMS = {
     "four numbers": lambda r: tuple(r.as_quat().tolist()),
-    "a list": lambda r: r.as_quat().tolist(),
     "an array": lambda r: r.as_quat(),
     "of single precision": lambda r: r.as_quat().astype(np.float32),
     "a Rotation": lambda r: r,

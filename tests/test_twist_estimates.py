@@ -62,8 +62,10 @@ def ratio(d3, t, order, frames):
 
 
 @pytest.mark.filterwarnings("ignore:.*more than a right angle:UserWarning")
-@pytest.mark.parametrize("count", [25, pytest.param(1000, marks=pytest.mark.long)])
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize(("kind", "count"), [
+    ("smooth", 20), ("random", 20), ("sparse, jittered", 20),
+    *(pytest.param(kind, 1000, marks=pytest.mark.long) for kind in KINDS),
+])  # fmt: skip
 def test_the_estimate_is_within_five_times_the_error_on_95_percent_of_recordings(kind, count):
     found = []
     for seed in range(count):
@@ -85,10 +87,10 @@ def test_the_estimate_tends_to_a_multiple_of_the_error():
 
 
 @pytest.mark.filterwarnings("ignore:.*right angle:UserWarning")
-@pytest.mark.parametrize("sigma", [1e-4, 1e-3, 1e-2])
+@pytest.mark.parametrize("sigma", [1e-4, 1e-2])
 def test_the_level_of_noise_is_found(sigma):
     found = []
-    for seed in range(20):
+    for seed in range(10):
         d3, t = recording("smooth", seed)
         u = d3(t) + sigma * np.random.default_rng(seed).normal(size=(len(t), 3))
         u /= np.linalg.norm(u, axis=1)[:, None]
@@ -157,10 +159,10 @@ def exact_fan(polygon, pole):
 
 
 @pytest.mark.parametrize("side", [1, -1])
-@pytest.mark.parametrize("delta", [1e-3, 1e-6, 1e-9, 1e-12])
+@pytest.mark.parametrize("delta", [1e-3, 1e-9, 1e-12])
 def test_solid_angle_of_sides_and_vertices_beside_the_antipode_of_the_pole(delta, side):
     rng = np.random.default_rng(4)
-    for _ in range(5):
+    for _ in range(3):
         turn = Rotation.random(rng=rng)
         ends = np.array([[1.0, side * delta, -1e-1], [-1.0, side * delta, -0.3], [0.1, 0.5, 1]])  # a side beside -z
         vertex = np.array([[side * delta, 0.4 * delta, -1], [0.5, 0.3, 0.4], [0.2, -0.6, 0.3]])

@@ -1,7 +1,7 @@
 """Generated problems for runs to a tolerance, and solutions that are independent of every kernel.
 
 The truth comes from Gragg, Bulirsch and Stoer's extrapolation of the modified midpoint rule, of order 14, with
-`numpy.longdouble` or with numbers of mpmath, on W and Λ: J W' = J W × W + moments - μ n, Λ' = Λ Ŵ, from kink to kink.
+`numpy.longdouble`, on W and Λ: J W' = J W × W + moments - μ n, Λ' = Λ Ŵ, from kink to kink.
 """
 
 from typing import NamedTuple
@@ -99,57 +99,34 @@ def term(rng, t_end, size):
 
 
 class Motion:
-    """The equations of a task in a number type."""
+    """The equations of a task in extended precision."""
 
-    def __init__(self, task, number):
-        self.task, self.number, self.many = task, number, np.vectorize(number, otypes=[object])
-        body = task.body
-        self.J = self.typed(body.convected_inertia)
-        n = None if body.axis is None else self.typed(body.axis)
-        A = self.typed(np.eye(3))
-        inverse = self.solved(self.J, A)
-        if n is not None:  # W' = J⁻¹ (g - μ n), n·W' = 0
-            v = inverse @ n
-            inverse = inverse - np.outer(v, v) / (n @ v)
-        self.inverse, self.dead = inverse, self.typed(body.dead_force)
-        self.C = self.typed(task.load.damping)
-        self.has_state = bool(task.load.called.terms)
-
-    def typed(self, array):
-        array = np.asarray(array, dtype=float)
-        return array.astype(np.longdouble) if self.number is np.longdouble else self.many(array)
-
-    def solved(self, A, B):
-        """Return A⁻¹ B by cofactors."""
-        rows = np.array([cross(A[1], A[2]), cross(A[2], A[0]), cross(A[0], A[1])]).T
-        return rows @ B / (A[0] @ cross(A[1], A[2]))
+    def __init__(self, task):
+        body, self.load = task.body, task.load
+        self.J, self.dead, self.C = map(np.longdouble, (body.convected_inertia, body.dead_force, task.load.damping))
+        cofactors = cross(self.J[[1, 2, 0]], self.J[[2, 0, 1]])
+        self.inverse = cofactors / (self.J[0] @ cofactors[0])
+        if body.axis is not None:  # W' = J⁻¹ (g - μ n), n·W' = 0
+            v = self.inverse @ body.axis
+            self.inverse = self.inverse - np.outer(v, v) / (body.axis @ v)
 
     def rates(self, times, y):
         """Return y' at (k,) times, y = W and Λ by rows, (k, 12)."""
-        W, R, load = y[:, :3], y[:, 3:].reshape(-1, 3, 3), self.task.load
-        g = cross((W[:, None] * self.J).sum(2), W) - (W[:, None] * self.C).sum(2)
-        at = np.array([float(t) for t in times])
+        W, R, load = y[:, :3], y[:, 3:].reshape(-1, 3, 3), self.load
+        at, rows = times.astype(float), R.swapaxes(1, 2)
+        g = cross(W @ self.J, W) - W @ self.C.T + cross(np.eye(3), self.dead @ R).sum(1)
         if load.terms:
-            space = self.typed(load.sample(at, "space"))
-            if self.has_state:
-                w = (R * W[:, None]).sum(2)
-                called = load.called
-                found = [
-                    called.state_moment(t, q.T, v) for t, q, v in zip(at, R.astype(float), w.astype(float), strict=True)
-                ]
-                space = space + self.typed(found)
-            g = g + self.typed(load.sample(at, "body")) + (R * space[:, :, None]).sum(1)
-        for i in range(3):
-            if self.task.body.dead_force[i].any():
-                e = self.typed(np.eye(3)[i])
-                g = g + cross(e + 0 * W, (R * self.dead[i][:, None]).sum(1))
-        rate = (g[:, None] * self.inverse).sum(2)
+            space = np.longdouble(load.sample(at, "space"))
+            if load.called.terms:
+                w = (R @ W[:, :, None])[:, :, 0].astype(float)
+                space += [load.called.state_moment(*one) for one in zip(at, rows.astype(float), w, strict=True)]
+            g = g + load.sample(at, "body") + (rows @ space[:, :, None])[:, :, 0]
         turn = cross(R, W[:, None] + 0 * R)  # rows r_x of Λ: (Λ Ŵ)_x = r_x × W
-        return np.concatenate([rate, turn.reshape(-1, 9)], axis=1)
+        return np.concatenate([g @ self.inverse, turn.reshape(-1, 9)], axis=1)
 
     def step(self, t, H, y, last, speed):
         """Return y(t + H) and an estimate of the error, of W over `speed`; no load is taken later than at `last`."""
-        h = H / self.typed(COUNTS)
+        h = H / np.longdouble(COUNTS)
         before = np.repeat(y[None], COLUMNS, axis=0)
         now = before + h[:, None] * self.rates(np.repeat(t, COLUMNS), before)
         ends = [None] * COLUMNS
@@ -160,31 +137,29 @@ class Motion:
             before, now = now, before + 2 * h[:, None] * f
         table = ends
         for k in range(1, COLUMNS):
-            size = [(self.typed(COUNTS[i]) / self.typed(COUNTS[i - k])) ** 2 - 1 for i in range(k, COLUMNS)]
-            previous, table = table, [b + (b - a) / s for a, b, s in zip(table, table[1:], size, strict=False)]
+            size = (np.longdouble(COUNTS[k:]) / COUNTS[:-k]) ** 2 - 1
+            previous, table = table, [b + (b - a) / s for a, b, s in zip(table[:-1], table[1:], size, strict=True)]
         scale = np.concatenate([np.full(3, max(speed, abs(table[-1][:3]).max()) + 1e-300), np.ones(9)])
         return table[-1], float((abs(table[-1] - previous[-1]) / scale).max())
 
 
-def truth(task, times, number=np.longdouble, accuracy=None, speed=0.0):
+def truth(task, times, speed=0.0):
     """Return Λ and W at increasing times, and the largest |W|; `speed`: about that, where it is known."""
-    motion, body = Motion(task, number), task.body
-    accuracy = accuracy or min(max(1e-6 * task.tolerance, 2e-17), 1e-12)
+    motion, body, accuracy = Motion(task), task.body, min(max(1e-6 * task.tolerance, 2e-17), 1e-12)
     W = np.array(task.start["material_angular_velocity"])
     if body.axis is not None:
         W = W - (body.axis @ W) * body.axis
-    R = exact_rotation(motion.typed(nt.rotation(task.start["rotation"]).as_quat()))
-    y, t, found, largest = np.concatenate([motion.typed(W), R.ravel()]), 0.0, [], 0.0
+    R = np.longdouble(nt.rotation(task.start["rotation"]).as_matrix())
+    y, here, found, largest = np.concatenate([W, R.ravel()]), np.longdouble(0), [], 0.0
     borders = sorted({*(b for b in task.load.breakpoints if 0 < b < task.t_end), task.t_end, *times})
     for border in borders:
         H, rejected = task.t_end / 4, np.inf  # a short stretch is no reason for short steps in the next
-        last, here = np.nextafter(border, -1), motion.typed(t)
-        goal = motion.typed(border)
+        last, goal = np.longdouble(np.nextafter(border, -1)), np.longdouble(border)
         while here < goal:
-            size = goal - here if goal - here < 1.2 * H else motion.typed(H)
+            size = goal - here if goal - here < 1.2 * H else np.longdouble(H)
             try:  # a step that is far too long makes numbers huge
                 with np.errstate(all="ignore"):
-                    z, error = motion.step(here, size, y, motion.typed(last), max(speed, largest))
+                    z, error = motion.step(here, size, y, last, max(speed, largest))
             except ValueError:  # of a load
                 z, error = y, np.inf
             if not error <= accuracy and not (error < NOISE and error > 0.1 * rejected):  # else it is round-off
@@ -194,22 +169,10 @@ def truth(task, times, number=np.longdouble, accuracy=None, speed=0.0):
             H = max(H, float(size) * (1.3 if error < 0.01 * accuracy else 1.0))
             y, here = z, goal if size == goal - here else here + size
             largest = max(largest, float(np.sqrt((y[:3] ** 2).sum())))
-        t = border
         if border in times:
             found.append(y)
     states = np.array(found)
     return states[:, 3:].reshape(-1, 3, 3), states[:, :3], largest
-
-
-def exact_rotation(p):
-    """Return Λ of a quaternion, scalar last, whatever its length."""
-    x, y, z, w = p
-    rows = [
-        [w * w + x * x - y * y - z * z, 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), w * w - x * x + y * y - z * z, 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), w * w - x * x - y * y + z * z],
-    ]
-    return np.array(rows) / (x * x + y * y + z * z + w * w)
 
 
 def error_of(run, task, most=8):

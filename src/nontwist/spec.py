@@ -30,6 +30,7 @@ BOUNDS: dict[str, Any] = {
     "at least 0 and below 1": (lambda x: (x < 0) | (x >= 1), "must be at least 0 and below 1"),
 }
 SYMMETRIC = 1e-12  # of a matrix, relative
+NAMES: dict[Any, str] = {str: "str", bool: "bool", float: "float", Sequence: "sequence of str"}
 WORDS: dict[Any, str] = {str: "a text", bool: "True or False", float: "a number", Sequence: "a list of texts"}
 
 
@@ -97,14 +98,12 @@ def require_types(record: Any) -> None:
     kind_of_record: Any = type(record)
     for name, (kind, _, _) in specs(kind_of_record).items():
         value = getattr(record, name)
-        kinds = get_args(kind) if get_origin(kind) in (Union, UnionType) else (kind,)
-        if not any(_fits(value, one) for one in kinds):
-            words = [
-                " or ".join(map(repr, get_args(one))) if get_origin(one) is Literal else WORDS[get_origin(one) or one]
-                for one in kinds
-                if one is not type(None)
-            ]
-            raise InputError("type", name=name, words=" or ".join(words), value=short_repr(value))
+        if not any(_fits(value, one) for one in _kinds(kind)):
+            raise InputError("type", name=name, words=_named(kind, WORDS, "'"), value=short_repr(value))
+
+
+def _kinds(kind: Any) -> tuple[Any, ...]:
+    return get_args(kind) if get_origin(kind) in (Union, UnionType) else (kind,)
 
 
 def _fits(value: Any, kind: Any) -> bool:
@@ -157,13 +156,12 @@ def with_keywords(function: Any, keywords: Mapping[str, tuple[Any, Any]], last: 
     function.__signature__ = signature.replace(parameters=[*before, *more, *behind])
 
 
-def _named(kind: Any) -> str:
-    names = {str: "str", bool: "bool", float: "float", Sequence: "sequence of str"}
-    kinds = get_args(kind) if get_origin(kind) in (Union, UnionType) else (kind,)
+def _named(kind: Any, names: Mapping[Any, str] = NAMES, mark: str = '"') -> str:
+    """Return the types of which a value may be one, but for that of None; words stand between quotation marks."""
     return " or ".join(
-        " or ".join(f'"{word}"' for word in get_args(one))
+        " or ".join(f"{mark}{word}{mark}" for word in get_args(one))
         if get_origin(one) is Literal
         else names[get_origin(one) or one]
-        for one in kinds
+        for one in _kinds(kind)
         if one is not type(None)
     )

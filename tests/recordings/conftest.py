@@ -6,11 +6,6 @@ from nontwist.recordings.formats import libraries
 
 
 @pytest.fixture(autouse=True)
-def matlab_is_read_here(monkeypatch):
-    """Not in a process of its own, as files of C3D are."""
-    apart = libraries.read_apart
-
-    def read(function, path):
-        return function(str(path)) if function is libraries.loaded else apart(function, path)
-
-    monkeypatch.setattr(libraries, "read_apart", read)
+def libraries_read_here(monkeypatch):
+    """Not in processes of their own."""
+    monkeypatch.setattr(libraries, "read_apart", lambda function, path: function(str(path)))

@@ -112,7 +112,7 @@ def apdm():
     return text(table, head=f"Test Name:,Pendulum Test 01{more}\nSample Rate:,128,Hz{more[1:]}\n", below=units + "\n")
 
 
-def motive(bodies, time=T):
+def motive(bodies):
     """A CSV of OptiTrack Motive: lines of types, names, identities and kinds above the headers."""
     kinds = ["Rotation"] * 4 + ["Position"] * 3
     names = [name for name in bodies for _ in kinds]
@@ -125,17 +125,17 @@ def motive(bodies, time=T):
     )
     table = np.hstack([np.hstack([q, 0 * q[:, :3]]) for q in bodies.values()])
     lines = ["Format Version,1.23,Take Name,Take 1,Rotation Type,Quaternion", "", *map(",".join, rows)]
-    lines += [",".join([str(k), *map(cell, (t, *row))]) for k, (t, row) in enumerate(zip(time, table, strict=True))]
+    lines += [",".join([str(k), *map(cell, (t, *row))]) for k, (t, row) in enumerate(zip(T, table, strict=True))]
     return "\n".join(lines)
 
 
-def qualisys(bodies, time=T):
+def qualisys(bodies):
     """A TSV of Qualisys QTM with 6DOF bodies: angles as its manual defines them, matrices column by column."""
-    lines = [f"NO_OF_FRAMES\t{len(time)}", "FREQUENCY\t50", "TIME_STAMP\t2020-01-22, 17:47:17\t22107.99179716"]
+    lines = [f"NO_OF_FRAMES\t{N}", "FREQUENCY\t50", "TIME_STAMP\t2020-01-22, 17:47:17\t22107.99179716"]
     heads = ["Y", "Z", "Roll", "Pitch", "Yaw", "Residual", *[f"Rot[{i}]" for i in range(9)]]
     lines += ["\t".join(["BODY_NAMES", *bodies])]
     lines += ["\t".join(["Frame", "Time", *["\t".join([f"{body} X", *heads, ""]) for body in bodies]])]
-    for k, t in enumerate(time):
+    for k, t in enumerate(T):
         rows = [
             [0.0, 0.0, 0.0, *rot[k].as_euler("XYZ", degrees=True), 0.5, *rot[k].as_matrix().T.ravel()]
             for rot in bodies.values()
@@ -191,14 +191,13 @@ MOTION
 """
 
 
-def bvh(names=("Hips", "Arm"), decimal="."):
+def bvh():
     """Hips turn about z alone, by 0.5 rad/s; the attitude of the arm in space is R, that of the leg as of the hips."""
     hips = Rotation.from_rotvec(np.outer(T, [0, 0, 0.5]))
     table = np.hstack([np.tile([1.0, 2, 3], (N, 1)), hips.as_euler("ZXY", degrees=True)])
     table = np.hstack([table, (hips.inv() * R).as_euler("YXZ", degrees=True), np.zeros((N, 3))])
-    rows = [" ".join(cell(float(x), decimal) for x in row) for row in table]
-    head = BVH.replace("Hips", names[0]).replace("Arm", names[1])
-    return f"{head}Frames: {N}\nFrame Time: {'0.02'.replace('.', decimal)}\n" + "\n".join(rows) + "\n"
+    rows = [" ".join(cell(float(x)) for x in row) for row in table]
+    return f"{BVH}Frames: {N}\nFrame Time: 0.02\n" + "\n".join(rows) + "\n"
 
 
 def sto(names=("torso_imu", "humerus_imu")):
@@ -242,17 +241,17 @@ def mat73(path, arrays):
         file.write(b"MATLAB 7.3 MAT-file")
 
 
-def c3d(path, labels=("pelvis_4X4", "r_larm_4X4")):
-    """The first segment rests, the others are turned by R; in single precision."""
+def c3d(path):
+    """The first segment rests, the other is turned by R; in single precision."""
     import ezc3d
 
     file = ezc3d.c3d()
     file["parameters"]["POINT"]["RATE"]["value"] = [50]
     file["parameters"]["POINT"]["LABELS"]["value"] = ["m"]
     file["data"]["points"] = np.zeros((4, 1, N))
-    poses = np.tile(np.eye(4)[:, :, None, None], (1, 1, len(labels), N))
-    poses[:3, :3, 1:] = np.moveaxis(MATRICES, 0, 2)[:, :, None].astype(np.float32)
-    file.add_parameter("ROTATION", "LABELS", list(labels))
+    poses = np.tile(np.eye(4)[:, :, None, None], (1, 1, 2, N))
+    poses[:3, :3, 1] = np.moveaxis(MATRICES, 0, 2).astype(np.float32)
+    file.add_parameter("ROTATION", "LABELS", ["pelvis_4X4", "r_larm_4X4"])
     file["data"]["rotations"] = poses
     file.write(str(path))
 
@@ -260,7 +259,7 @@ def c3d(path, labels=("pelvis_4X4", "r_larm_4X4")):
 START = 1_700_000_000  # s since 1970
 
 
-def ros_message(store, version, kind, k, frames=("map", "base"), attitudes=Q):
+def ros_message(store, version, kind, k, attitudes):
     """Return the k-th message of a type, and its time in ns."""
     types = store.types
     make = {name: types[f"geometry_msgs/msg/{name}"] for name in ("Quaternion", "Vector3", "Point")}
@@ -268,7 +267,7 @@ def ros_message(store, version, kind, k, frames=("map", "base"), attitudes=Q):
     header = types["std_msgs/msg/Header"](
         **({"seq": k} if version == 1 else {}),
         stamp=types["builtin_interfaces/msg/Time"](stamp // 10**9, stamp % 10**9),
-        frame_id=frames[0],
+        frame_id="map",
     )
     turned, zero, nine = make["Quaternion"](*attitudes[k].tolist()), make["Vector3"](0.0, 0.0, 0.0), np.zeros(9)
     rate, up = (make["Vector3"](*np.round(x[k], 12).tolist()) for x in (GYR, ACC))
@@ -282,10 +281,10 @@ def ros_message(store, version, kind, k, frames=("map", "base"), attitudes=Q):
             types["geometry_msgs/msg/Twist"](zero, rate), np.zeros(36)
         )
         return types[kind](
-            header, frames[1], types["geometry_msgs/msg/PoseWithCovariance"](pose, np.zeros(36)), moving
+            header, "base", types["geometry_msgs/msg/PoseWithCovariance"](pose, np.zeros(36)), moving
         ), stamp
     transform = types["geometry_msgs/msg/Transform"](zero, turned)
-    one = types["geometry_msgs/msg/TransformStamped"](header, frames[1], transform)
+    one = types["geometry_msgs/msg/TransformStamped"](header, "base", transform)
     return types["tf2_msgs/msg/TFMessage"]([one]), stamp
 
 
@@ -293,8 +292,8 @@ TOPICS = [("/imu", "sensor_msgs/msg/Imu"), ("/pose", "geometry_msgs/msg/PoseStam
 TOPICS += [("/odometry", "nav_msgs/msg/Odometry"), ("/tf", "tf2_msgs/msg/TFMessage")]
 
 
-def ros(path, version, storage="SQLITE3", topics=TOPICS, write=None):
-    """A bag of version 1, or the folder of one of version 2; `write(writer, store)` writes other messages."""
+def ros(path, version, storage="SQLITE3", topics=TOPICS, attitudes=Q):
+    """A bag of version 1, or the folder of one of version 2."""
     from rosbags import rosbag1, rosbag2
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
@@ -303,19 +302,12 @@ def ros(path, version, storage="SQLITE3", topics=TOPICS, write=None):
         store.register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms", "tf2_msgs/msg/TFMessage"))
     plugin = {} if version == 1 else {"version": 8, "storage_plugin": rosbag2.StoragePlugin[storage]}
     with (rosbag1 if version == 1 else rosbag2).Writer(path, **plugin) as writer:
-        if write is not None:
-            write(writer, store)
-            return
         opened = [(writer.add_connection(topic, kind, typestore=store), kind) for topic, kind in topics]
         for k in range(N):
             for connection, kind in opened:
-                message, stamp = ros_message(store, version, kind, k)
-                ros_write(writer, store, version, connection, message, stamp + 5)
-
-
-def ros_write(writer, store, version, connection, message, stamp):
-    pack = store.serialize_ros1 if version == 1 else store.serialize_cdr
-    writer.write(connection, stamp, pack(message, connection.msgtype))
+                message, stamp = ros_message(store, version, kind, k, attitudes)
+                pack = store.serialize_ros1 if version == 1 else store.serialize_cdr
+                writer.write(connection, stamp + 5, pack(message, kind))
 
 
 SCLK = """KPL/SCLK
@@ -382,7 +374,8 @@ class Made:
 
     `within` is the precision of its attitudes, rad, or of its rates, rad/s. `exact`: what is read passes through no
     function of a library whose last bits differ between machines (sines, singular values). `inner` is what is read
-    instead of the file: another one in its folder. `truth` and `times` are None where they are not known.
+    instead of the file: another one in its folder. `says` is a pattern of what is said. `truth` and `times` are None
+    where they are not known.
     """
 
     content: str | Callable[[Path], None]
@@ -394,6 +387,7 @@ class Made:
     exact: bool
     encoding: str
     inner: str
+    says: str
 
     def write(self, folder):
         """Write it into a folder and return the path to read."""
@@ -405,11 +399,13 @@ class Made:
         return folder / (self.inner or self.file)
 
 
-def made(content, file="a.csv", truth=R, times=T, within=5e-10, exact=True, encoding="utf-8", inner="", **options):
+def made(
+    content, file="a.csv", truth=R, times=T, within=5e-10, exact=True, encoding="utf-8", inner="", says="", **options
+):
     """Return a recording; columns are a table in CSV, with their time before them."""
     if isinstance(content, dict):
         content = text({"time": T, **content})
-    return Made(content, file, options, truth, times, within, exact, encoding, inner)
+    return Made(content, file, options, truth, times, within, exact, encoding, inner, says)
 
 
 # the library that writes and reads a format, by its suffix; folders are bags

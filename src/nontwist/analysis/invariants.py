@@ -137,18 +137,11 @@ def invariants(system: DirectorSystem, records: Records, dissipates: bool = Fals
     systems, heavy = stacked(system), bool(system.dead_force.any() or held)
     found: dict[str, Invariant] = {}
     if orbit is not None:
-        alone = (
-            len(held) == 1
-            and not orbit.get("eccentricity")
-            and system.axis is None
-            and not (system.dead_force.any() or dissipates)
-        )
-        if alone and (gyrostat or not loaded):
+        others_act = orbit.get("eccentricity") or system.dead_force.any() or dissipates or len(held) > 1
+        if system.axis is None and gyrostat and not others_act:
             symbol = "K+V−A−n o·(π+Λh)" if loaded else "K+V−n o·π"
             found["jacobi_integral"] = Invariant(symbol, "J", partial(_jacobi_integral, orbit), loaded)
-        found["orthonormality"] = Invariant("d·d", "1", lambda x: x.orthonormality_defect)
-        return found
-    if system.spin is not None or dissipates:
+    elif system.spin is not None or dissipates:
         if system.spin is not None and not (loaded or heavy):
             found["transverse_form"] = Invariant("2J₃K−Π²", "kg2 m4 s-2", partial(_transverse_form, system))
     elif loaded:

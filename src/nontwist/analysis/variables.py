@@ -88,8 +88,9 @@ def _moment(q: Array, p: Array) -> Array:
 
 
 ONE = np.ones(1)
+About = tuple[tuple[str, ...], str, str, str]  # the dims of a variable, its units, its name in words, its symbol
 _NODE, _VECTOR, _BODY, _MID = ("time",), ("time", "axis"), ("time", "director"), ("midtime",)
-VARIABLES: dict[str, tuple[tuple[str, ...], str, str, str]] = {
+VARIABLES: dict[str, About] = {
     "directors": (("time", "director", "axis"), "1", "directors", "d_i"),
     "director_velocities": (("time", "director", "axis"), "s-1", "director velocities", "d_i'"),
     "quaternion": (("time", "quat"), "1", "unit quaternion of Λ, scalar last", "p"),
@@ -112,15 +113,11 @@ VARIABLES: dict[str, tuple[tuple[str, ...], str, str, str]] = {
     "event_quaternion": (("event", "quat"), "1", "unit quaternion of Λ at the event, scalar last", "p_e"),
     "event_material_angular_velocity": (("event", "director"), "rad s-1", "W at the event", "W_e"),
 }
-ROTORS: dict[str, tuple[tuple[str, ...], str, str, str]] = {  # of runs whose loads have rotors; elsewhere 0, and π
+ROTORS: dict[str, About] = {  # of runs whose loads have rotors; elsewhere 0, and π
     "rotor_momentum": (_BODY, "kg m2 s-1", "momentum of the rotors relative to the body, material", "Σ h a"),
     "total_momentum": (_VECTOR, "kg m2 s-1", "spatial angular momentum of body and rotors", "π + Λ Σ h a"),
 }
-FRICTION: dict[str, tuple[tuple[str, ...], str, str, str]] = {  # of runs under dry friction
-    "sticking": (_NODE, "1", "number of dry frictions whose rates are zero", "s"),
-    "dissipated_energy": (_MID, "J", "energy that dry friction takes over the interval", "D"),
-}
-DERIVATIVES: dict[str, tuple[tuple[str, ...], str, str, str]] = {  # of `sensitivities`
+DERIVATIVES: dict[str, About] = {  # of `sensitivities`
     "d_rotation": (
         ("time", "axis", "parameter"),
         "rad",
@@ -135,24 +132,26 @@ DERIVATIVES: dict[str, tuple[tuple[str, ...], str, str, str]] = {  # of `sensiti
     ),
 }
 NODES = tuple(name for name, (dims, *_) in VARIABLES.items() if dims[0] == "time")
-WHEELS: dict[str, tuple[tuple[str, ...], str, str, str]] = {  # of runs whose loads have wheels
+WHEELS: dict[str, About] = {  # of runs whose loads have wheels
     "wheel_momentum": (("time", "wheel"), "kg m2 s-1", "axial momentum of the wheel in space", "h"),
     "wheel_speed": (("time", "wheel"), "rad s-1", "speed of the wheel relative to the body", "Ω"),
     "wheel_work": (("time", "wheel"), "J", "work of the motor since the start", "A"),
     "wheel_loss": (("time", "wheel"), "J", "energy that friction has taken since the start", "D"),
     "total_kinetic_energy": (_NODE, "J", "kinetic energy of body and wheels", "T"),
 }
-INTERNAL: dict[str, tuple[tuple[str, ...], str, str, str]] = {  # of runs whose loads have memory
+LOADED: dict[str, About] = {  # of runs under dry friction, and of those whose loads have memory
+    "sticking": (_NODE, "1", "number of dry frictions whose rates are zero", "s"),
+    "dissipated_energy": (_MID, "J", "energy that dry friction takes over the interval", "D"),
     "internal_state": (("time", "internal"), "1", "internal states of the loads with memory", "z"),
 }
-MEMBERS: dict[str, tuple[tuple[str, ...], str, str, str]] = {  # of ensembles whose members differ in them
+MEMBERS: dict[str, About] = {  # of ensembles whose members differ in them
     "euler_inertia": (("row", "column"), "kg m2", "Euler inertia", "E"),
     "constrained_axis": (("director",), "1", "constrained body axis", "n"),
     "dead_force": (("director", "axis"), "N m", "dead forces on the directors", "f^i"),
     "spin": ((), "rad s-1", "factor of the prescribed spin", "c"),
     "load_scale": ((), "1", "factor of the load", "c"),
 }
-VARIABLES |= ROTORS | WHEELS | FRICTION | DERIVATIVES | INTERNAL | MEMBERS
+VARIABLES |= ROTORS | WHEELS | LOADED | DERIVATIVES | MEMBERS
 
 
 @dataclass(frozen=True)
@@ -201,7 +200,7 @@ OBSERVABLES = Observables()
 """The observables that other modules have added."""
 
 
-def about(name: str) -> tuple[tuple[str, ...], str, str, str]:
+def about(name: str) -> About:
     """Return the dims of a variable, its units, its name in words and its symbol."""
     if name in VARIABLES:
         return VARIABLES[name]

@@ -169,7 +169,7 @@ def least_effort(
     begin, end = (Rotation.from_quat(last_attitude(value, scalar_first)[0]) for value in (start, target))
     way, trace = steered(begin, end), float(np.trace(system.inertia))
     transfer = Transfer(system.inertia / trace, begin.inv() * end, n)
-    solution = solved(transfer, transfer.along(way)) if way.length > 0 else Solution(np.zeros(2 * n), 0.0, 0.0, 0)
+    solution = solved(transfer, transfer.along(way)) if way.length > 0 else Solution(np.zeros(2 * n), 0.0, 0.0)
     table, unit = transfer.table(solution.y), trace / T / T
     effort = float(solution.y @ solution.y) * unit * unit * T
     if not (math.isfinite(effort) and (effort > 0 or way.length == 0)):
@@ -268,12 +268,11 @@ class Transfer:
 
 
 class Solution(NamedTuple):
-    """A table of moments, what is left of the conditions for the least effort, and how many runs it took."""
+    """A table of moments, and what is left of the conditions for the least effort."""
 
     y: Array
     gradient: float
     gap: float
-    runs: int
 
 
 def solved(transfer: Transfer, y: Array) -> Solution:
@@ -305,7 +304,7 @@ def solved(transfer: Transfer, y: Array) -> Solution:
             f"no least effort is found: the projected gradient is still {left:.1e} of the gradient; use more nodes, "
             "or a target that is further away"
         )
-    return Solution(best.y, left, float(abs(best.gap).max()), search.runs)
+    return Solution(best.y, left, float(abs(best.gap).max()))
 
 
 def least_squares(A: Array, b: Array) -> Array:
@@ -317,12 +316,7 @@ class Search:
     """Newton's iteration along the tables that reach the goal."""
 
     def __init__(self, transfer: Transfer) -> None:
-        self.transfer, self.runs = transfer, 0
-
-    def ends(self, y: Array) -> Ends | None:
-        """Return where a table leads to."""
-        self.runs += 1
-        return self.transfer.ends(y)
+        self.ends = transfer.ends
 
     def reached(self, y: Array, runs: int = CORRECTIONS) -> Ends | None:
         """Return a table near y that reaches the goal; None where so many runs find none."""

@@ -96,9 +96,9 @@ def lyapunov(system: DirectorSystem | Problem, **keywords: Unpack[OfMotion]) -> 
     growth = Growth(steps)
     times, sums = growth.sums(known.run.states, steps.workspace())
     means = sums / (times - known.problem.t_start)[:, None]
-    found = xarray.DataArray(means, dims=("time", "exponent"), attrs=KNOWN)
-    along = {"time": ("time", times, {"units": "s", "long_name": "time", "symbol": "t"})}
-    return xarray.Dataset({"lyapunov_exponent": found}, {**along, "exponent": np.arange(1, means.shape[1] + 1)})
+    time = "time", times, {"units": "s", "long_name": "time", "symbol": "t"}
+    along = {"time": time, "exponent": np.arange(1, means.shape[1] + 1)}
+    return xarray.Dataset({"lyapunov_exponent": (("time", "exponent"), means, KNOWN)}, along)
 
 
 def _warn_of_hidden(plan: Plan, begin: Starts, grid: Stretches) -> None:

@@ -445,10 +445,8 @@ def changed(make: Callable[[Array], Term], value: Array, unit: Array, size: floa
 
 def _input_of(term: Term) -> str:
     """Return the input of steps that a term is, or adds to."""
-    inputs = {"body": "moving", "state": "damping"}
-    return (
-        "forces" if isinstance(term, ForceTable) else inputs.get(term.kind, "space" if term.kind == "space" else "dead")
-    )
+    inputs = {"body": "moving", "space": "space", "state": "damping"}
+    return "forces" if isinstance(term, ForceTable) else inputs.get(term.kind, "dead")
 
 
 def _always(name: str, component: Any, parameter: Any, value: Any) -> Effect:

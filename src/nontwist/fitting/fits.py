@@ -158,8 +158,8 @@ def fit_inertia(
 
     >>> from nontwist import heavy_top
     >>> pendulum = heavy_top([0.020, 0.022, 0.004], mass=0.5, centre_of_mass=(0, 0, -0.15))
-    >>> swing = simulate(pendulum, t_end=3, rotation=[[1, 0, 0], [0, 0, -1], [0, 1, 0]], angular_velocity=(1, 2, 5))
-    >>> recording = sensors.gyroscope(swing, noise=1e-4, rate=200)
+    >>> swing = simulate(pendulum, t_end=2, rotation=[[1, 0, 0], [0, 0, -1], [0, 1, 0]], angular_velocity=(1, 2, 5))
+    >>> recording = sensors.gyroscope(swing, noise=1e-4, rate=100)
     >>> fit = fit_inertia(recording, gravity={"mass": 0.5, "centre": (0, 0, -0.15)})
     >>> (1000 * fit.principal.moments).round(1)
     array([ 4., 20., 22.])

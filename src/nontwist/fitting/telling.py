@@ -175,12 +175,12 @@ def covariance(found: Told) -> Array:
 
 def quantile(solution: Solution) -> float:
     """Return how many standard errors the intervals have to each side; nan where too few samples count."""
-    from scipy.stats import t
+    from scipy.special import stdtrit  # as `scipy.stats.t.ppf`, whose import takes a second
 
     if solution.memory and solution.effective_samples < FEWEST:
         return float("nan")
     free = len(solution.problem) / solution.inflation - solution.problem.unknown - solution.problem.common
-    return float(t.ppf((1 + LEVEL) / 2, max(free, 1)))
+    return float(stdtrit(max(free, 1), (1 + LEVEL) / 2))
 
 
 def principal(solution: Solution, C: Array, size: float) -> Principal:

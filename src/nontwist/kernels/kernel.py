@@ -136,9 +136,9 @@ class Kernel:
         """The address of the C function."""
         return machine_code.pointer_address(self.function)
 
-    def code(self, is_fused: bool | None = None) -> str:
+    def code(self) -> str:
         """Trace the text; return LLVM's."""
-        t = Tracer(self.lanes or machine_code.lanes(), machine_code.is_fused() if is_fused is None else is_fused)
+        t = Tracer(self.lanes or machine_code.lanes(), machine_code.is_fused())
         with tracing(t):
             t.open(ENTRY, "i64 %a0")
             self._trace(Whole("%a0"))

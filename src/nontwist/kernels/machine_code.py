@@ -73,9 +73,9 @@ def processor() -> tuple[str, str]:
     return name, features
 
 
-def is_fused(features: str | None = None) -> bool:
+def is_fused() -> bool:
     """Whether the processor has a fused multiply-add. Without it `fma` is a b + c: that of C takes far longer."""
-    known = (processor()[1] if features is None else features).split(",")
+    known = processor()[1].split(",")
     return "+fma" in known or ("-fma" not in known and binding().get_process_triple().startswith(("aarch64", "arm64")))
 
 
@@ -88,16 +88,16 @@ def lanes() -> int:
     return 8 if "+avx512f" in known else 4 if "+avx" in known else 2
 
 
-def _target(features: str | None) -> Any:
-    llvm, (name, known) = binding(), processor()
+def _target() -> Any:
+    llvm, (name, features) = binding(), processor()
     return llvm.Target.from_triple(llvm.get_process_triple()).create_target_machine(
-        cpu=name, features=known if features is None else features, opt=LEVEL, codemodel="jitdefault", jit=True
+        cpu=name, features=features, opt=LEVEL, codemodel="jitdefault", jit=True
     )
 
 
 @lru_cache
-def _engine(features: str | None) -> Any:
-    return binding().create_lljit_compiler(_target(features))
+def _engine() -> Any:
+    return binding().create_lljit_compiler(_target())
 
 
 def simplify(module: Any, target: Any) -> None:
@@ -115,7 +115,7 @@ def pointer_address(pointer: Any) -> int:
     return ctypes.cast(pointer, ctypes.c_void_p).value or 0
 
 
-def function_of(code: str, entry: str, features: str | None = None, kind: Any = KIND) -> Any:
+def function_of(code: str, entry: str, kind: Any = KIND) -> Any:
     """Return a function of LLVM code as one of C. It runs without the interpreter lock.
 
     Parameters
@@ -124,20 +124,18 @@ def function_of(code: str, entry: str, features: str | None = None, kind: Any = 
         A module.
     entry : str
         Name of the function in it.
-    features : str, optional
-        Of the processor, in place of those of the one at hand.
     kind : type, optional
         Of the function, as `ctypes` has it: ``void (int64_t)``.
     """
     with LOCK:
-        llvm, target = binding(), _target(features)
+        llvm, target = binding(), _target()
         module = llvm.parse_assembly(code)
         simplify(module, target)
         symbol = f"{entry}{next(_numbers)}"
         module.get_function(entry).name = symbol
         code = target.emit_object(module)
         builder = llvm.JITLibraryBuilder().add_object_img(code).export_symbol(symbol).add_current_process()
-        owner = builder.link(_engine(features), symbol)
+        owner = builder.link(_engine(), symbol)
         function: Any = kind(owner[symbol])
         function.owner = owner  # which frees the code when it goes
     return function

@@ -7,10 +7,10 @@ Sphere, dial, colours and themes are those of the viewer.
 from __future__ import annotations
 
 import html
-from importlib.resources import files
+from functools import partial
 from string import Template
 
-from ..viewer import SHARED, View
+from ..viewer import SHARED, View, own_text
 
 __all__ = ["playground"]
 
@@ -29,12 +29,10 @@ def playground() -> View:
     >>> playground().title
     'Same kick, two bodies. One may not twist.'
     """
-    own = files(__package__)
-    shared = own.joinpath("..", "viewer")
-    scripts = [*(shared.joinpath(name) for name in SHARED), *(own.joinpath(name) for name in OWN)]
-    page = Template(own.joinpath("playground.html").read_text("utf-8")).substitute(
+    own = partial(own_text, package=__package__)
+    page = Template(own("playground.html")).substitute(
         title=html.escape(TITLE),
-        style="".join(place.read_text("utf-8") for place in (shared / "common.css", own / "playground.css")),
-        script="\n".join(place.read_text("utf-8") for place in scripts),
+        style=own_text("common.css") + own("playground.css"),
+        script="\n".join([*map(own_text, SHARED), *map(own, OWN)]),
     )
     return View(page, TITLE)

@@ -149,14 +149,15 @@ def view(
     title = title or " and ".join(each["title"] or each["name"] for each in shows)
     camera = camera_of([Motion(data) for data in shows])
     seen = camera._asdict() | {"upright": camera.upright.tolist()}
-    page = Template(_own("viewer.html")).substitute(
+    page = Template(own_text("viewer.html")).substitute(
         title=html.escape(title),
-        style=_own("common.css") + _own("viewer.css"),
+        style=own_text("common.css") + own_text("viewer.css"),
         content=as_script({"title": title, "runs": shows, "camera": seen}),
-        script="\n".join(map(_own, SCRIPTS)),
+        script="\n".join(map(own_text, SCRIPTS)),
     )
     return View(page, title)
 
 
-def _own(name: str) -> str:
-    return files(__package__).joinpath(name).read_text(encoding="utf-8")
+def own_text(name: str, package: str = __package__) -> str:
+    """Return the text of a file beside the modules of a package."""
+    return files(package).joinpath(name).read_text(encoding="utf-8")

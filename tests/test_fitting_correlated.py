@@ -8,6 +8,7 @@ import pytest
 from fit_errors import recorded, whole
 from nontwist import damping, heavy_top, integrate, standard
 from nontwist.fitting import reports, telling
+from nontwist.fitting.solving import smeared
 
 MOMENTS = np.array([1.0, 1.6, 2.1])
 
@@ -44,6 +45,7 @@ def covered(count):
 
 
 def test_intervals_allow_for_correlated_residuals():
+    assert smeared(np.eye(5)[1], 0.5).tolist() == [0.5, 1, 0.5, 0.25, 0.125]
     ours, white = covered(6)
     assert ours >= 0.86
     assert white < 0.45

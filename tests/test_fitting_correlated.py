@@ -4,6 +4,7 @@ import warnings
 
 import numpy as np
 import pytest
+from scipy.special import stdtrit
 
 from fit_errors import recorded, whole
 from nontwist import damping, heavy_top, integrate, standard
@@ -62,6 +63,7 @@ def test_slow_noise_is_called_correlated_and_no_misfit(n, part):
     (fit,) = fits(1, n, part)
     assert fit.is_explained
     assert not fit.is_white
+    assert telling.quantile(fit.solution) == stdtrit(fit.solution.effective_samples - 12, 0.975)  # of J, W, bias, scale
     (said,) = fit.warnings
     assert said.startswith("the residuals are not white")
 

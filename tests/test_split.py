@@ -11,24 +11,15 @@ import nontwist as nt
 from conftest import BODIES, PAPER_J, compiled_load
 from nontwist.analysis.variables import angular_velocity, material, orthonormality_defect
 from nontwist.errors import SimulationError, Status
-from nontwist.integrators import Continuous, Split, stack_march
+from nontwist.integrators import Split, stack_march
 from nontwist.integrators.split import HALVES, fractions, nodes
+from nontwist.validation.orders import swing
+from nontwist.validation.problems import FINE, pushed
 from refusals import says
 
-FINE = Continuous(rtol=1e-13, atol=1e-14)
 STANDARD, HELD = nt.standard(PAPER_J), nt.nontwisting(PAPER_J)
-
-
-def push(t):
-    return 3 * np.sin(3 * t), 1 - t, 0.3
-
-
-def pull(t, d, w):
-    return np.cross(d[2], np.array([0.0, 0.0, 2.0])) + 0.1 * w
-
-
-BODY, BOTH = nt.body_moment(push), nt.body_moment(push) + nt.space_moment(push)
-ALL = BOTH + compiled_load(pull) + nt.damping([0.1, 0.2, 0.3])
+BODY, BOTH = pushed("body"), pushed("body") + pushed("space")
+ALL = BOTH + compiled_load(swing) + nt.damping([0.1, 0.2, 0.3])
 
 
 @pytest.mark.parametrize(("body", "bound"), [(HELD, 1e-12), (STANDARD, 2e-15)])

@@ -138,7 +138,7 @@ def test_a_rotation_about_a_principal_axis_but_for_a_trace_is_steady(lasts):
 
 
 INTEGRATED = {
-    "heavy top": (BODIES["heavy_top"](), nt.damping(2.0) + BOTH),
+    "heavy top": (BODIES["heavy_top"](), nt.damping([1, 0.5, 0.3]) + BOTH),
     "non-twisting": (HELD, BOTH),
     "free after a pulse": (STANDARD, nt.pulse([3, 1, 0], 0, 1)),
 }
@@ -148,7 +148,8 @@ INTEGRATED = {
 def test_integrals_over_time_have_the_order_of_the_scheme(case):
     """Of steps, by the nodes of the load; of the exact motion after the load, which is much more accurate."""
     body, load = INTEGRATED[case]
-    how = {"t_end": 2, "material_angular_velocity": [1, -2, 0], "load": load, "reduce": ["averages", "total_twist"]}
+    how = {"t_end": 2, "load": load, "reduce": ["averages", "total_twist"]}
+    how |= {"material_angular_velocity": [1, -2, 0.5], "project": True}
     fine = nt.simulate_ensemble(body, step=1 / 200, order=8, **how)
     names = [name for name in fine.data_vars if name.endswith("_mean") or name == "total_twist"]
     for order, counts in ((2, (20, 40)), (4, (20, 40)), (6, (8, 16))):

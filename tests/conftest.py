@@ -24,7 +24,11 @@ typer.testing._get_command = cache(typer.testing._get_command)  # makes all comm
 
 
 def pytest_configure(config):
-    """Compile for the quick suite in a third of the time: other registers, the same bits (`test_machine_code`)."""
+    """Compile for the quick suite in a third of the time: other registers, the same bits (`test_machine_code`).
+
+    No test cuts the power: nothing is forced to the disk.
+    """
+    os.fsync = lambda file: None
     if config.option.markexpr == "not long":
         machine_code.LEVEL = 0
 

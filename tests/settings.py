@@ -4,8 +4,6 @@ All settings run `make test` in one copy of the checkout and its environment, in
 the settings to run, all by default. Logs go to build/settings/.
 """
 
-from __future__ import annotations
-
 import os
 import re
 import shutil
@@ -36,7 +34,7 @@ class Setting(NamedTuple):
     as_nobody: bool = False
 
 
-def in_the_background() -> None:
+def in_the_background():
     for number in (signal.SIGINT, signal.SIGQUIT, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
 
@@ -58,7 +56,7 @@ SETTINGS = {
 }
 
 
-def main(names: list[str]) -> int:
+def main(names):
     """Run the settings, all or those named, and return how many have failed."""
     if unknown := set(names) - set(SETTINGS):
         raise SystemExit(f"unknown settings: {', '.join(unknown)}; known are {', '.join(SETTINGS)}")
@@ -79,7 +77,7 @@ def main(names: list[str]) -> int:
     return failed
 
 
-def run(place: Path, name: str, setting: Setting) -> tuple[int, str]:
+def run(place, name, setting):
     """Return the exit status of the suite in a setting, and what it says in its last line."""
     if setting.as_nobody and (os.geteuid() != 0 or not python_for_all(place / ".venv")):
         return 0, "skipped: only root may run as another user, who may run this Python"
@@ -100,7 +98,7 @@ def run(place: Path, name: str, setting: Setting) -> tuple[int, str]:
     return done.returncode, last[-1].decode() if last else f"no result, exit status {done.returncode}; see {log}"
 
 
-def python_for_all(environment: Path) -> bool:
+def python_for_all(environment):
     """Have the copied environment use a Python of its version that every user may run; return whether there is one."""
     name = f"python{sys.version_info.major}.{sys.version_info.minor}"
     for python in (Path(sys.base_prefix, "bin", name), Path("/usr/local/bin", name), Path("/usr/bin", name)):

@@ -14,7 +14,7 @@ from nontwist import exact, plot, sphere
 from nontwist.geometry.arrays import as_array, as_floats, as_number
 from nontwist.geometry.values import as_function, as_list, as_path, as_whole
 from nontwist.runfile import read_run_file
-from refusals import refused_as, says
+from refusals import refused_as
 
 BODY = nt.nontwisting([3, 4, 5])
 
@@ -27,12 +27,6 @@ def run():
 @cache
 def many():
     return nt.simulate_ensemble(BODY, t_end=1, step=0.5, angular_velocity=[(0, 1, 0), (1, 0, 0)])
-
-
-@cache
-def compared():
-    how = {"steps": [0.25], "repeats": 1, "integrators": ["exact"], "angular_velocity": (0, 1, 0)}
-    return nt.compare(BODY, t_end=1, **how)
 
 
 MASKED = np.ma.masked_array([1.0, 2.0, 0.0], [0, 1, 0])
@@ -51,29 +45,6 @@ REFUSED = {
     "a large entry": [1, 10**400, 3],
     "a large number": 10**400,
 }
-TAKERS = {
-    "inertia": nt.standard,
-    "material_angular_velocity": lambda W: nt.simulate(BODY, t_end=1, step=0.5, material_angular_velocity=W),
-    "times": lambda t: exact.free_standard([3, 4, 5], (1, 2, 3), t),
-    "d1": lambda d1: nt.curves.nontwisting_frame([[0, 0, 1], [0, 0.6, 0.8]], d1),
-    "d0": lambda d: sphere.distance(d, (0, 0, 1)),
-    "the motion": nt.rotation,
-    "damping": nt.damping,
-    "load_scale": lambda c: nt.simulate_ensemble(BODY, t_end=1, step=0.5, load_scale=c),
-    "colatitude": exact.latitude_turn,
-    "targets": lambda targets: nt.comparison.summary(compared(), targets),
-}
-
-
-@pytest.mark.parametrize("name", TAKERS)
-def test_what_is_no_number_is_refused_by_name(name):
-    """All of it in the same words, but for the name."""
-    for value in REFUSED.values():
-        with pytest.raises(ValueError) as refused:  # noqa: PT011 - the whole message is compared
-            TAKERS[name](value)
-        with pytest.raises(ValueError) as same:  # noqa: PT011
-            nt.standard(value)
-        assert str(refused.value) == str(same.value).replace("inertia", name)
 
 
 test_what_is_no_number_is_refused = refused_as({name: partial(nt.standard, value) for name, value in REFUSED.items()})
@@ -131,6 +102,7 @@ test_each_wrong_thing_is_a_value_error_that_says_what_is_taken = refused_as(
         lambda: nt.simulate(BODY, t_end=1, load=3),
         lambda: nt.Load((3,)),
         lambda: nt.Load().sample([0], "x"),
+        lambda: nt.wheel("x", 0.1, breakpoints=None),
         lambda: nt.simulate(BODY, t_end=1, integrator=[]),
         lambda: nt.integrators.LieMidpoint(order=[4]),
         lambda: nt.comparison.second_quotient(1, 2, 3),
@@ -150,23 +122,27 @@ test_each_wrong_thing_is_a_value_error_that_says_what_is_taken = refused_as(
         lambda: nt.validate(workers=0),
         lambda: nt.reproduce("x", cases=[[]]),
         lambda: exact.discrete_free([3, 4, 5], (0, 1, 0), 0.1, 10**12),
+        lambda: exact.free_standard([3, 4, 5], (1, 2, 3), MASKED),
+        lambda: exact.latitude_turn(MASKED),
+        lambda: nt.curves.nontwisting_frame([[0, 0, 1], [0, 0.6, 0.8]], MASKED),
+        lambda: nt.damping(MASKED),
+        lambda: nt.rotation(MASKED),
+        lambda: nt.simulate(BODY, t_end=1, step=0.5, material_angular_velocity=MASKED),
+        lambda: nt.simulate_ensemble(BODY, t_end=1, step=0.5, load_scale=MASKED),
+        lambda: sphere.distance(MASKED, (0, 0, 1)),
     ]
 )
 
 
-@pytest.mark.parametrize(
-    "damage",
+test_a_damaged_run_is_refused_in_words = refused_as(
     [
-        lambda run: run.drop_vars("directors"),
-        lambda run: run.drop_attrs(),
-        lambda run: run.isel(axis=0),
-        lambda run: run.assign(directors=run.directors * 1j),
-        lambda run: run.assign_attrs(system="{}"),
-    ],
+        lambda: nt.resample(run().drop_vars("directors"), [0.1]),
+        lambda: nt.resample(run().drop_attrs(), [0.1]),
+        lambda: nt.resample(run().isel(axis=0), [0.1]),
+        lambda: nt.resample(run().assign(directors=run().directors * 1j), [0.1]),
+        lambda: nt.resample(run().assign_attrs(system="{}"), [0.1]),
+    ]
 )
-def test_a_damaged_run_is_refused_in_words(damage):
-    with says():
-        nt.resample(damage(run()), [0.1])
 
 
 def test_values_that_are_no_arrays():
@@ -178,7 +154,7 @@ def test_values_that_are_no_arrays():
         as_whole(-(10**5000), "n", 1)
 
 
-@pytest.mark.parametrize("step", [1e-100, 1e-8, 0.1, 0.5, 2.0, 1e6])
+@pytest.mark.parametrize("step", [1e-100, 0.1, 2.0, 1e6])
 def test_the_second_quotient_of_any_step_has_all_its_digits(step):
     """The angles of h, h/2 and h/4 differ by less than round-off where h is short: the quotient tends to 4."""
     mpmath = pytest.importorskip("mpmath")

@@ -240,7 +240,7 @@ def test_forked_children_trace_for_themselves():
         while not done.is_set():
             traced.append(new(len(traced))(1.0))
 
-    done, traced, failed, old = threading.Event(), [], 0, new(1000)
+    done, traced, failed, ok, old = threading.Event(), [], 0, False, new(1000)
     old(1.0)
     threads = [threading.Thread(target=trace) for _ in range(2)]
     for thread in threads:
@@ -255,7 +255,8 @@ def test_forked_children_trace_for_themselves():
                 ok = new(c)(2.0) == 2 * c + 1.0 and old(2.0) == 2001.0
             finally:
                 os._exit(0 if ok else 1)
-        failed += os.waitpid(child, 0)[1] != 0
+        if failed := os.waitpid(child, 0)[1]:
+            break
     done.set()
     for thread in threads:
         thread.join()

@@ -7,29 +7,16 @@ import os
 import re
 import subprocess
 import sys
-from pathlib import Path
 
 import numpy as np
 import pandas
 import pytest
 import xarray
 
-import nontwist as package
+import nontwist as nt
 from conftest import ended, nontwist
-from nontwist import (
-    body_moment,
-    damping,
-    heavy_top,
-    nontwisting,
-    open_run,
-    save_run,
-    sensitivities,
-    simulate,
-    standard,
-    twist,
-)
+from nontwist import nontwisting, open_run, save_run, simulate, twist
 from nontwist.cli.printing import print_rows, shown_unit
-from refusals import said
 
 W = {"material_angular_velocity": [0.6, -0.8, 0], "t_end": 1, "step": 0.01}
 
@@ -39,12 +26,12 @@ def files(tmp_path_factory):
     """A free non-twisting body, a loaded heavy top, the twist of the first."""
     folder = tmp_path_factory.mktemp("results")
     free = simulate(nontwisting([3, 4, 5]), **W)
-    load = 2 * body_moment([0, 0.5, 1], [[0, 0, 0], [1, 1, 0], [0, 0, 0]]) + damping(0.1)
-    top = simulate(heavy_top([2, 2.2, 1], 1.5, [0.1, 0, 0.6]), **W, load=load, store=10, integrator="split")
+    load = 2 * nt.body_moment([0, 0.5, 1], [[0, 0, 0], [1, 1, 0], [0, 0, 0]]) + nt.damping(0.1)
+    top = simulate(nt.heavy_top([2, 2.2, 1], 1.5, [0.1, 0, 0.6]), **W, load=load, store=10, integrator="split")
     for name, run in {"free": free, "top": top.assign_attrs(run_file="[body]\n# é\n"), "twist": twist(free)}.items():
         save_run(run, folder / f"{name}.nc")
     save_run(simulate(nontwisting([3, 4, 5], spin=60), **W), folder / "spun.nc")
-    (folder / "page.html").touch()
+    save_run(nt.sensitivities(nontwisting([3, 4, 5]), **W, store=10, wrt="rotation"), folder / "tangents.nc")
     return folder
 
 
@@ -113,13 +100,6 @@ def test_csv_reads_back_bit_for_bit(files, tmp_path, monkeypatch):
     assert table["newton_iterations"] == ("", *map(str, run["newton_iterations"].values))
 
 
-def test_an_exported_motion_can_be_read_by_twist(files, tmp_path):
-    nontwist("export", files / "free.nc", "--out", tmp_path / "free.csv")
-    ended(0, "twist", tmp_path / "free.csv", "--no-figure", "--out", tmp_path / "again")
-    again = open_run(tmp_path / "again.nc")
-    assert again["twist_angle"].values == pytest.approx(open_run(files / "twist.nc")["twist_angle"].values, abs=1e-12)
-
-
 def test_npz_and_json_hold_the_columns_and_the_record(files, tmp_path):
     """And what is not finite is null in JSON."""
     run = open_run(files / "top.nc")
@@ -137,49 +117,13 @@ def test_npz_and_json_hold_the_columns_and_the_record(files, tmp_path):
     assert data["record"]["integrator"] == {"name": "split", "order": 4}
 
 
-RUNFILE = Path(package.__file__).parent / "runfile" / "examples" / "standard.toml"
-ENDS = {
-    "no file": ("info none.nc", 5),
-    "a folder": ("info .", 5),
-    "foreign": ("info SOURCE", 3),
-    "foreign too": ("export SOURCE", 3),
-    "npz on stdout": ("export FREE --to npz", 2),
-    "format": ("export FREE --to xls", 2),
-    "run file as recording": ("twist RUNFILE", 3),
-    "run file to watch": ("view RUNFILE", 3),
-    "run file to describe": ("info RUNFILE", 3),
-    "run file to export": ("export RUNFILE", 3),
-    "run file to fit": ("fit RUNFILE", 3),
-    "page to watch": ("view PAGE", 3),
-    "a name of an argument": ("info relative_to.nc", 5),
-    "another word": ("plot FREE", 2),
-    "a function": ("steer", 2),
-    "a slip": ("chek RUNFILE", 2),
-    "no word": ("bogus", 2),
-    "suffix": ("export FREE --out x.mat", 2),
-    "two formats": ("export FREE --to csv --out x.json", 2),
-    "page": ("view FREE --out x.gif", 2),
-    "playground": ("play --out x.pdf", 2),
-    "twist": ("twist FREE --out x.csv", 2),
-    "run file": ("example case1 --out x.nc", 2),
-    "folder": ("reproduce --out x.pdf", 2),
-    "page of checks": ("validate --page x.html", 2),
-    "no folder": ("export FREE --out none/x.csv", 5),
-}
+def table_of(*arguments):
+    return pandas.read_csv(io.StringIO(nontwist("export", *arguments).stdout))
 
 
-@pytest.mark.parametrize("case", ENDS)
-def test_how_they_end(files, case, here):
-    arguments, code = ENDS[case]
-    given = {"FREE": files / "free.nc", "RUNFILE": RUNFILE, "PAGE": files / "page.html", "SOURCE": __file__}
-    result = nontwist(*(given.get(word, word) for word in arguments.split()))
-    assert (result.exit_code, result.stdout, list(here.iterdir())) == (code, "", [])
-    said(result.stderr.rpartition("Error: ")[2])
-
-
-@pytest.mark.parametrize(("name", "kind"), [("twist", "csv"), ("free", "csv"), ("free", "json"), ("free", "npz")])
+@pytest.mark.parametrize(("name", "kind"), [("twist", "csv"), ("free", "json"), ("free", "npz"), ("tangents", "csv")])
 def test_angles_are_exported_in_degrees(files, tmp_path, name, kind):
-    """All others are as without the option, to the bit, solid angles too."""
+    """All others are as without the option, to the bit: solid angles, and ∂Λ/∂Λ, which is rad per rad."""
 
     def exported(*options):
         place = tmp_path / f"a.{kind}"
@@ -191,33 +135,20 @@ def test_angles_are_exported_in_degrees(files, tmp_path, name, kind):
         return {header: column for header, column in np.load(place).items() if header != "record"}
 
     plain, turned = exported(), exported("--degrees")
-    angles = [header for header in plain if re.search(r"\[rad\b", header)]
+    assert (sum(header.startswith("d_") for header in plain) >= 18) == (name == "tangents")
+    angles = {one: one.replace("[rad", "[degree") for one in plain if re.search(r"^(?!d_).*\[rad\b", one)}
     assert len(angles) >= 3
-    assert [header.replace("[rad", "[degree") for header in plain] == list(turned)
+    assert [angles.get(header, header) for header in plain] == list(turned)
     for header, column in plain.items():
         scale = 180 / np.pi if header in angles else 1.0
-        found = np.asarray(turned[header.replace("[rad", "[degree")], dtype=float)
+        found = np.asarray(turned[angles.get(header, header)], dtype=float)
         assert found == pytest.approx(scale * np.asarray(column, dtype=float), rel=1e-15, abs=0, nan_ok=True)
-
-
-def table_of(*arguments):
-    return pandas.read_csv(io.StringIO(nontwist("export", *arguments).stdout))
-
-
-def test_derivatives_by_angles_are_the_same_in_degrees(tmp_path):
-    """∂Λ/∂Λ is rad per rad."""
-    how = {"t_end": 1, "step": 0.1, "material_angular_velocity": (1, 2, 3), "wrt": "rotation"}
-    save_run(sensitivities(standard([3, 4, 5]), **how), tmp_path / "s.nc")
-    plain, turned = table_of(tmp_path / "s.nc"), table_of(tmp_path / "s.nc", "--degrees")
-    columns = [header for header in plain if header.startswith("d_")]
-    assert len(columns) >= 18
-    assert turned[columns].equals(plain[columns])
-    assert "twist_rate [degree s-1]" in turned
 
 
 def test_a_twist_is_exported_in_degrees_as_the_command_writes_it(files, tmp_path):
     columns = "twist_angle,twist_rate,swing_twist_angle,solid_angle,path_length,error_estimate,noise_estimate"
     ended(0, "twist", files / "free.nc", "--csv", "--degrees", "--no-figure", "--out", tmp_path / "o")
+    assert np.array_equal(open_run(tmp_path / "o.nc").twist_angle, open_run(files / "twist.nc").twist_angle)
     one, other = pandas.read_csv(tmp_path / "o.csv"), table_of(tmp_path / "o.nc", "--degrees", "--columns", columns)
     assert "twist_rate [degree s-1]" in one
     assert one[sorted(one)].equals(other[sorted(other)])
@@ -236,24 +167,18 @@ def test_chosen_columns_are_exported_with_their_times(files):
     assert comma == plain.replace(",", ";").replace(".", ",")
     unknown = ended(2, "export", place, "--columns", "kinetic_energi").stderr
     assert "there is no variable 'kinetic_energi'; did you mean kinetic_energy? known are directors, " in unknown
-    foreign = ended(2, "export", place, "--to", "json", "--decimal-comma").stderr
-    assert "applies to CSV only; omit it, or add --to csv" in foreign
 
 
-def test_info_describes_a_choice_of_variables(files, tmp_path):
-    save_run(open_run(files / "free.nc")[["kinetic_energy"]], tmp_path / "some.nc")
-    result = ended(0, "info", tmp_path / "some.nc")
+def test_info_describes_a_choice_of_variables_of_a_file_with_a_blank_in_its_name(files, tmp_path):
+    place = tmp_path / "some variables.nc"
+    save_run(open_run(files / "free.nc")[["kinetic_energy"]], place)
+    result = ended(0, "info", place)
     assert "drift" not in result.stdout
     assert "kinetic energy" in result.stdout
+    assert f"next: nontwist view '{place}', nontwist export '{place}' --out" in result.stderr
 
 
-def test_a_file_with_a_blank_in_its_name_is_quoted_in_hints(files, tmp_path):
-    place = tmp_path / "free run.nc"
-    place.write_bytes((files / "free.nc").read_bytes())
-    assert f"next: nontwist view '{place}', nontwist export '{place}' --out" in nontwist("info", place).stderr
-
-
-@pytest.mark.parametrize("width", [60, 80, 120])
+@pytest.mark.parametrize("width", [60, 120])
 def test_tables_cut_no_name(files, width):
     shown = nontwist("info", files / "top.nc", COLUMNS=str(width))
     assert "…" not in shown.stdout.replace(" … (", "")  # of a text of several lines the first is shown
@@ -278,26 +203,24 @@ def test_tables_fit_the_terminal_and_units_are_written_one_way(capsys, monkeypat
     assert {unit: shown_unit(unit) for unit in units} == units
 
 
-@pytest.mark.parametrize("arguments", [["info", "--json"], ["export", "--to", "json"]])
-def test_a_sealed_file_without_times_is_refused(files, tmp_path, arguments):
+def test_a_sealed_file_without_times_is_refused(files, tmp_path):
     """And one without a title is told of."""
     path, version = tmp_path / "run.nc", {"format_version": 1}
-    for data in (
-        xarray.Dataset({"a": ("x", [1.0, 2.0])}, attrs=version),
-        open_run(files / "free.nc").isel(time=3),
-        xarray.Dataset({"a": ("time", [1.0, 2.0])}, attrs=version),
+    for command, data in (
+        ("info", xarray.Dataset({"a": ("x", [1.0, 2.0])}, attrs=version)),
+        ("export", open_run(files / "free.nc").isel(time=3)),
+        ("info", xarray.Dataset({"a": ("time", [1.0, 2.0])}, attrs=version)),
     ):
         save_run(data, path, force=True)
         wanted = f"{path} does not contain a run: it has no coordinate time with its states along it\n"
-        assert ended(3, *arguments, path).stderr == wanted
+        assert ended(3, command, path).stderr == wanted
     save_run(xarray.Dataset({"a": ("time", [1.0, 2.0])}, {"time": [0.0, 1.0]}, version), path, force=True)
     assert "0 s to 1 s, 2 stored states" in ended(0, "info", path).stdout
 
 
 @pytest.mark.skipif(os.name != "posix", reason="a shell with head")
-def test_a_reader_that_stops_is_no_error(tmp_path):
-    save_run(simulate(standard([1, 2, 2]), t_end=1, step=1e-3, angular_velocity=[1, 0, 0]), tmp_path / "run.nc")
-    command = f"{sys.executable} -m nontwist export {tmp_path / 'run.nc'} | head -n 3; echo ${{PIPESTATUS[0]}}"
+def test_a_reader_that_stops_is_no_error(files):
+    command = f"{sys.executable} -m nontwist export {files / 'free.nc'} | head -n 3; echo ${{PIPESTATUS[0]}}"
     done = subprocess.run(["bash", "-c", command], capture_output=True, text=True, check=False)
     lines = done.stdout.splitlines()
     assert (done.stderr, len(lines), lines[-1]) == ("", 4, "0")

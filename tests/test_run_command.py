@@ -160,60 +160,10 @@ def test_paths_of_results(here):
     assert files() == sorted(["run.toml", f"sub/{own}.toml", *results, *figures])
 
 
-REFUSED = {
-    "no folder": ("run.toml --out no/x.nc", 5),
-    "same output": ("run.toml sub/run.toml", 5),
-    "no file": ("nothing.toml", 5),
-    "no ending": ("run", 5),
-    "example": ("case2.toml", 5),
-    "a result": ("case2.nc", 5),
-    "folder": ("sub", 5),
-    "bad files": ("run.toml bad.toml worse.toml", 3),
-    "bad override": ("run.toml --set body.mss=2 --set time.step=0.3", 3),
-    "integrator": (
-        """run.toml --set integrator.name='"exact"' --set body.mass=1 --set 'body.centre_of_mass=[0, 0, 0.1]'""",
-        3,
-    ),
-}
-
-
-@pytest.mark.parametrize("case", REFUSED)
-def test_what_is_refused_before_anything_runs(case, here):
-    arguments, code = REFUSED[case]
-    here()
-    Path("sub").mkdir()
-    here(name="sub/run.toml")
-    here(f"{BODY}mass = -1\n[bdy]\n", "bad.toml")
-    here("a: 1", "worse.toml")
-    before = files()
-    result = nontwist("run", *shlex.split(arguments))
-    assert (result.exit_code, result.stdout, files()) == (code, "", before)
-    said(result.stderr.replace(str(Path.cwd()), "HERE"))
-
-
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        ("run", "Missing argument 'FILE"),
-        ("run run.toml sub.toml --out x.nc", "x.nc is one file for 2 results; name a folder"),
-        ("run run.toml --out a.csv", "--out"),
-        ("sweep run.toml --out a.csv", "--out"),
-        ("example heavytop", "there is no example 'heavytop'; did you mean heavy_top? known are case1, case2,"),
-    ],
-)
-def test_usage(arguments, words, here):
-    here()
-    here(name="sub.toml")
-    result = ended(2, *arguments.split())
-    assert words in re.sub(r"\s*│?\n│?\s*", " ", result.stderr)
-    assert files() == ["run.toml", "sub.toml"]
-
-
 def test_a_failed_run_keeps_its_states_and_the_next_file_runs(here):
     here(PUSHED, "pushed.toml")
     here()
-    result = ended(4, "run", "pushed.toml", "run.toml", "--json")
-    kept = open_run("pushed.nc")
+    result, kept = ended(4, "run", "pushed.toml", "run.toml", "--json"), open_run("pushed.nc")
     end = float(kept.time[-1])
     assert 0 < end < 1
     assert kept.attrs["status"] == Status.TURN
@@ -249,13 +199,10 @@ def test_an_interrupted_run_keeps_its_states(number, here, monkeypatch, request)
         return sample(self, times, kind)
 
     monkeypatch.setattr(Load, "sample", signalled)
-    result = ended(130, "run", "run.toml", "second.toml")
-    kept = open_run("run.nc")
-    end = float(kept.time[-1])
+    result, kept = ended(130, "run", "run.toml", "second.toml"), open_run("run.nc")
+    end, by = float(kept.time[-1]), "" if number == signal.SIGINT else f" ({number.name})"
     assert 0.2 < end < 1
     assert kept.attrs["status"] == Status.INTERRUPTED
-    said(nontwist("check", "run.nc").stderr)
-    by = "" if number == signal.SIGINT else f" ({number.name})"
     assert f"run.toml: interrupted{by} at t = {end:.12g} s, after " in result.stderr
     assert f"run.toml: the completed part, up to t = {end:.12g} s, is saved in run.nc" in result.stderr
     assert files() == ["run.nc", "run.toml", "second.toml"]
@@ -273,8 +220,7 @@ def test_warnings_are_messages(here):
 def test_check_as_json(here):
     here()
     here(f"{BODY}mass = -1\n{TIME}", "bad.toml")
-    result = ended(3, "check", "run.toml", "bad.toml", "--json")
-    good, bad = map(json.loads, result.stdout.splitlines())
+    good, bad = map(json.loads, ended(3, "check", "run.toml", "bad.toml", "--json").stdout.splitlines())
     assert (good["problems"], good["forecast"]["steps"], bad["forecast"]) == ([], 10, None)
     assert bad["problems"][0] == {"key": "body.mass", "given": "-1", "accepted": "a positive number, kg"}
 
@@ -284,11 +230,10 @@ SECOND_QUOTIENTS = [3.987879, 3.985380, 3.984407, 3.983256, 3.981796]  # case 2,
 
 def test_precision_gives_the_papers_second_quotients_and_errors(here):
     nontwist("example", "case2")
-    found = numbers_of("precision", "case2.toml")
+    found, shown = numbers_of("precision", "case2.toml"), ended(0, "precision", "case2.toml").stdout
     assert found["second_quotients"] == pytest.approx(SECOND_QUOTIENTS, abs=2e-6)
     assert found["times"] == pytest.approx([1, 2, 3, 4, 5])
     assert found["agrees"]
-    shown = ended(0, "precision", "case2.toml").stdout
     has(shown, "3.987879", "observed order 1.995 (median), expected 2: PASS")
     assert files() == ["case2.toml"]
     nontwist("example", "case1")
@@ -313,17 +258,6 @@ def test_precision_says_when_an_order_differs_or_cannot_be_seen(here):
     for step, verdict in ((0.005, "the runs differ by round-off only"), (0.05, "expected 8: PASS")):
         how = ["start.angular_velocity.body=[0, 9.4, 5e-5]", "time.t_end=8", f"time.step={step}"]
         assert verdict in ended(0, "precision", "run.toml", *(word for one in how for word in ("--set", one))).stdout
-    steps = '"exact" -> one that steps: "gauss", "lie-midpoint", "energy-momentum", "split"'
-    code, _, errors = told("precision", "run.toml", "--set", 'integrator.name="exact"')
-    assert (code, errors) == (3, f"run.toml: integrator.name: {steps}\n")
-
-
-def test_an_order_that_is_gone_names_its_successor(here):
-    here(BODY + TIME + START)
-    high = ["--set", 'integrator.name="lie-midpoint"', "--set", "integrator.order=4"]
-    for command in ("check", "run", "precision", "compare"):
-        said(ended(3, command, "run.toml", *high).stderr)
-    said(ended(3, "compare", "run.toml", "--integrator", "lie-midpoint:4").stderr)
 
 
 MIDPOINT = '[integrator]\nname = "lie-midpoint"\n'
@@ -345,23 +279,6 @@ def test_a_run_file_resumes_a_run_bit_for_bit(here):
     assert "(its content has changed: its hash is " in nontwist("check", "again.toml").stderr
 
 
-@pytest.mark.parametrize(
-    "change",
-    [
-        "time.t_start=1.5",
-        'start.run="no.nc"',
-        'start.run="rest.toml"',
-        "start.angular_velocity.body=[0, 1, 0]",
-        'sweep={over=[{key="body.inertia.0", kind="list", values=[3, 4]}]}',
-    ],
-)
-def test_what_cannot_be_resumed(here, change):
-    here(BODY + START + TIME)
-    here(REST, "rest.toml")
-    ended(0, "run", "run.toml")
-    said(ended(3, "check", "rest.toml", "--set", change).stderr)
-
-
 OUTPUTS = ("step=", "store=3", "times={ every = 0.05 }")
 
 
@@ -371,7 +288,8 @@ OUTPUTS = ("step=", "store=3", "times={ every = 0.05 }")
 def test_every_integrator_tells_what_it_will_do_and_has_done_with_every_output(here, example):
     ended(0, "example", example)
     file, result = f"{example}.toml", f"{example}.nc"
-    for (name, scheme), output in itertools.product(INTEGRATORS.items(), OUTPUTS):
+    every = itertools.product(INTEGRATORS.items(), OUTPUTS)
+    for (name, scheme), output in itertools.islice(every, None, None, 1 + (example == "case1")):
         step = "" if scheme.any_times and "times" in output else 0.01
         how = [f'integrator={{ name = "{name}" }}', "sweep=", "time.t_end=0.1", f"time.step={step}", f"time.{output}"]
         sets = [word for one in [*how, *["time.store="] * ("times" in output)] for word in ("--set", one)]
@@ -386,19 +304,18 @@ def test_every_integrator_tells_what_it_will_do_and_has_done_with_every_output(h
 def test_the_dissipation_of_an_integrator_is_told(here):
     here(BODY + TIME + START)
     how = ["--set", 'integrator={name="lie-midpoint", options={dissipation=0.25}}']
-    for command in ("run", "check"):
-        assert "lie-midpoint, order 2, dissipation 0.25" in nontwist(command, "run.toml", *how).stdout
-    assert "dissipation" not in nontwist("run", "run.toml", "--force").stdout
+    assert "lie-midpoint, order 2, dissipation 0.25" in nontwist("check", "run.toml", *how).stdout
+    assert "dissipation" not in nontwist("run", "run.toml").stdout
 
 
-@pytest.mark.parametrize("width", [60, 80, 120])
-def test_a_comparison_cuts_no_number(here, width):
+def test_a_comparison_cuts_no_number(here):
     here(BODY + TIME + START)
     how = ["--integrator", "gauss:4", "--step", "0.1", "--step", "0.05", "--every"]
-    shown = nontwist("compare", "run.toml", *how, COLUMNS=str(width))
-    assert "…" not in shown.stdout
-    assert max(map(len, shown.stdout.splitlines())) <= width
-    assert ("a wider terminal shows" in shown.stderr) == (width == 60)
+    for width in (60, 120):
+        shown = nontwist("compare", "run.toml", *how, COLUMNS=str(width))
+        assert "…" not in shown.stdout
+        assert max(map(len, shown.stdout.splitlines())) <= width
+        assert ("a wider terminal shows" in shown.stderr) == (width == 60)
 
 
 def test_compare(here):
@@ -419,16 +336,11 @@ def test_compare(here):
     assert files() == ["run.toml", "work.svg"]
     drawn = ended(0, "compare", "run.toml", *midpoint, "--figure", "steps.svg", "--against", "steps", "--quiet")
     assert drawn.stderr == "written: steps.svg\n"
-    wrong = ended(2, "compare", "run.toml", "--against", "steps").stderr
-    assert "--against: applies to --figure only; add --figure PATH" in wrong
-    assert "'gauss:two' is not NAME:ORDER" in ended(2, "compare", "run.toml", "--integrator", "gauss:two").stderr
     orbit = ["--set", 'load=[{kind="gravity_gradient", mean_motion=0.1, radial=[1, 0, 0], normal=[0, 0, 1]}]']
     code, shown, errors = told("compare", "run.toml", "--integrator", "exact", *orbit)
     assert (code, errors) == (3, "run.toml: no integrator of this comparison solved the problem\n")
     reason = "[1] exact has no closed-form solution for a load that depends on the state; use the integrator gauss"
     assert " ".join(shown.split()).endswith(reason)
-    unknown = ended(3, "compare", "run.toml", "--integrator", "euler").stderr
-    assert unknown.startswith("run.toml: unknown integrator 'euler'; known are")
 
 
 def test_examples_are_copied_to_the_given_folder(here):
@@ -443,9 +355,7 @@ def test_examples_are_copied_to_the_given_folder(here):
 
 def test_debug_shows_the_traceback(here):
     here("a = 1")
-    errors = ended(3, "run", "run.toml", "--debug").stderr
-    assert "Traceback (most recent call last)" in errors
-    said(errors.splitlines()[-1])
+    assert "Traceback (most recent call last)" in ended(3, "run", "run.toml", "--debug").stderr
 
 
 def process(*command, **how):
@@ -467,19 +377,9 @@ def test_a_closed_pipe_is_no_error(here):
 
 
 @pytest.mark.skipif(os.name != "posix", reason="needs a shell that closes streams")
-@pytest.mark.parametrize(
-    ("closed", "arguments", "code", "message"),
-    [
-        ("<&- >&- 2>&-", ["check", "bad.toml"], 3, ""),
-        ("<&-", ["twist", "-"], 3, "-: the first line is empty; it must contain the headers of the columns\n"),
-    ],
-)
-def test_a_closed_stream_is_taken_as_an_empty_one(closed, arguments, code, message, here):
-    here()
-    here("a = 1", "bad.toml")
-    result = process("sh", "-c", f"{shlex.join([*NONTWIST, *arguments])} {closed}", stdout=subprocess.PIPE)
-    assert (result.returncode, result.stdout, result.stderr) == (code, "", message)
-    assert files() == ["bad.toml", "run.toml"]
+def test_a_closed_stream_is_taken_as_an_empty_one(here):
+    result = process("sh", "-c", f"{shlex.join(NONTWIST)} twist - <&- >&- 2>&-", stdout=subprocess.PIPE)
+    assert (result.returncode, result.stdout, result.stderr, files()) == (3, "", "", [])
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")

@@ -4,32 +4,23 @@ import json
 import pickle
 import re
 import warnings
+from itertools import cycle
 from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
+from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+import nontwist as nt
 from conftest import ended, problems_of
-from nontwist import (
-    DirectorSystem,
-    Load,
-    body_moment,
-    damping,
-    heavy_top,
-    inertia,
-    pulse,
-    simulate,
-    sine,
-    space_moment,
-    suslov,
-    with_gravity,
-)
+from nontwist import heavy_top, inertia, pulse, simulate, space_moment, suslov
 from nontwist import nontwisting as nontwisting_body
 from nontwist.analysis.invariants import drifts
 from nontwist.cli.run_commands import example_names
 from nontwist.errors import RunFileError, SimulationError
+from nontwist.integrators import INTEGRATORS
 from nontwist.models.bodies import BODIES as KINDS_OF_BODIES
 from nontwist.paper.tables import invariants_table
 from nontwist.runfile import read_run_file
@@ -39,7 +30,6 @@ from nontwist.runfile.files import Folder, document, toml_text
 from nontwist.runfile.loads import Tables
 from nontwist.runfile.tables import Start
 from refusals import said, says
-from runfile_documents import documents
 
 PLACE = Path(__file__).parents[1]
 EXAMPLES = PLACE / "src" / "nontwist" / "runfile" / "examples"
@@ -74,10 +64,8 @@ ONE_LINE = {
     "Latin-1": b'title = "ok"\n# caf\xe9\n',
     "nested": "a = " + "[" * 10**5,
     "digits": "a = " + "9" * 5000,
-    "dots": "a." * 10**5 + "a = 1",
     "spaced dots": '"a" .\t' * 10**5 + "a = 1",
     "infinite": BODY + TIME.replace("end = 1", "end = inf"),
-    "1e400": BODY + TIME.replace("end = 1", "end = 1e400"),
     "10^400": BODY + TIME.replace("end = 1", "end = 1" + "0" * 400),
     "nan": f"{BODY}{TIME}[start]\nangular_velocity = {{ body = [0, nan, 0] }}",
     "tiny": f"{BODY}mass = 1e-100\n{TIME}",
@@ -213,16 +201,9 @@ def test_angular_velocity_in_body_and_in_space(write):
     assert space.directors.values == pytest.approx(body.directors.values, abs=1e-14)
 
 
-@pytest.mark.parametrize("case", [1, 2, 3])
-def test_the_papers_cases_give_every_printed_digit(case):
-    run = simulate(read_run_file(EXAMPLES / f"case{case}.toml").problem)
-    table = invariants_table(case, run)
-    assert len(table.rows) == 15
-    assert table.agrees
-
-
 @pytest.mark.parametrize("name", example_names())
 def test_every_example_runs_and_keeps_its_invariants(name):
+    """And the paper's cases have every printed digit."""
     run_file = read_run_file(EXAMPLES / f"{name}.toml")
     if run_file.time.t_end > 5:
         run_file = read_run_file(EXAMPLES / f"{name}.toml", ["time.t_end=5"])
@@ -233,6 +214,10 @@ def test_every_example_runs_and_keeps_its_invariants(name):
     assert len(drifts(run)) >= 2
     assert max(drift.relative for drift in drifts(run).values()) < 1e-13
     assert run.title == run_file.title
+    if name.startswith("case"):
+        table = invariants_table(int(name.removeprefix("case")), run)
+        assert len(table.rows) == 15
+        assert table.agrees
 
 
 def test_every_kind_of_body_has_an_example():
@@ -241,16 +226,10 @@ def test_every_kind_of_body_has_an_example():
 
 
 J, OFFSET = [[1.2, 0.1, 0.0], [0.1, 1.5, 0.0], [0.0, 0.0, 1.0]], [0.0, 0.1, 0.3]
-WEIGHT = f"mass = 0.5\ncentre_of_mass = {OFFSET}\ngravity = [0, 0, -2]\n"
 BODIES = {
     "nontwisting under gravity": (
         f'kind = "nontwisting"\ninertia = {J}\nmass = 0.5\ncentre_of_mass = {OFFSET}\n',
-        lambda: with_gravity(nontwisting_body(J), 0.5, OFFSET),
-    ),
-    "suslov": (f'kind = "suslov"\ninertia = {J}\naxis = [1, 2, 2]\n', lambda: suslov(J, [1, 2, 2])),
-    "heavy top": (
-        f'kind = "heavy_top"\ninertia = {J}\n{WEIGHT}',
-        lambda: heavy_top(J, 0.5, OFFSET, (0, 0, -2)),
+        lambda: nt.with_gravity(nontwisting_body(J), 0.5, OFFSET),
     ),
     "heavy box": (
         f'kind = "heavy_top"\ninertia = {{ cuboid = {{ mass = 2, lengths = [1, 2, 3] }}, offset = {OFFSET} }}\n',
@@ -309,20 +288,10 @@ LOADS = {
         f'kind = "constant"\n{F}moment = [1, 2, 3]\nstart = 0.25\nend = 0.5',
         pulse([1, 2, 3], 0.25, 0.5, shape="rectangle", frame="space"),
     ),
-    "table": (
-        'kind = "table"\nframe = "body"\ntimes = [0, 2]\nvalues = [[1, 2, 3], [0, 1, 0]]\nscale = 0.5',
-        0.5 * body_moment([0, 2], [[1, 2, 3], [0, 1, 0]]),
-    ),
-    "pulse": (f'kind = "pulse"\n{F}amplitude = [1, 2, 3]\nend = 0.7', pulse([1, 2, 3], 0, 0.7, frame="space")),
     "half-sine": (
         f'kind = "pulse"\n{F}amplitude = [1, 2, 3]\nstart = 0.1\nend = 0.7\nshape = "half-sine"',
         pulse([1, 2, 3], 0.1, 0.7, shape="half-sine", frame="space"),
     ),
-    "sine": (
-        'kind = "sine"\nframe = "body"\namplitude = [1, 2, 3]\nfrequency = 2\nphase = 0.3\nscale = -1',
-        -sine([1, 2, 3], 2, phase=0.3),
-    ),
-    "damping": ('kind = "damping"\ncoefficient = [1, 2, 3]', damping([1, 2, 3])),
     "csv, decimal commas": (
         f'kind = "csv"\n{F}file = "commas.csv"',
         space_moment([0, 0.5, 2], [[0, 0, 0], [1, 2.5, 3], [0, 1, 0]]),
@@ -330,7 +299,7 @@ LOADS = {
     "csv": (f'kind = "csv"\n{F}file = "täglich 1.csv"', space_moment([0, 0.5, 2], [[0, 0, 0], [1, 2, 3], [0, 1, 0]])),
     "csv columns": (
         'kind = "csv"\nframe = "body"\nfile = "wide.csv"\ncolumns = ["t", "M3", "M2", "M1"]\nscale = 0.001',
-        0.001 * body_moment([0, 2], [[3, 2, 1], [6, 5, 4]]),
+        0.001 * nt.body_moment([0, 2], [[3, 2, 1], [6, 5, 4]]),
     ),
 }
 
@@ -345,7 +314,6 @@ def test_loads(case, write, tmp_path):
     t = np.array([0.05, 0.1, 0.25, 0.3, 0.49, 0.6, 0.95])
     for frame in ("body", "space"):
         assert found.sample(t, frame) == pytest.approx(expected.sample(t, frame), abs=1e-15)
-    assert np.array_equal(found.damping, expected.damping)
 
 
 WRONG_CSV = {
@@ -379,32 +347,21 @@ def test_a_csv_file_of_a_rotor_is_named(write):
 
 def test_overrides(write):
     text = f'{BODY}{TIME}[[load]]\nkind = "damping"\ncoefficient = 1\n'
-    run_file = read(
-        write, text, 'body.kind="suslov"', "body.axis=[0, 0, 1]", "load.0.coefficient = 2", "integrator.order=6"
-    )
-    assert (run_file.body.kind, run_file.integrator.order) == ("suslov", 6)
-    assert run_file.load[0].coefficient == 2
+    changes = 'body.kind="suslov"', "body.axis=[0, 0, 1]", "load.0.coefficient = 2", "integrator.order=6"
+    run_file = read(write, text, *changes)
+    assert (run_file.body.kind, run_file.integrator.order, run_file.load[0].coefficient) == ("suslov", 6, 2)
     assert lines(write, text, "body.mas=2")[0].startswith("body.mas: unknown key -> did you mean mass?")
     assert lines(write, text, "load.0.frequency=2")[0].endswith('; it belongs to kind = "sine"')
     shape = "body.inertia={cuboid={mass=1, lengths=[1, 2, 3], offset=[0, 0, 1]}}"
     (told,) = lines(write, text, shape)
-    assert (
-        told == "body.inertia.cuboid.offset: unknown key -> did you mean body.inertia.offset? known are mass, lengths"
-    )
+    assert told.endswith("cuboid.offset: unknown key -> did you mean body.inertia.offset? known are mass, lengths")
     assert lines(write, text, "load.1.x=2") == ["--set load.1.x=2: load has no entry 1 -> 0 to 0"]
     assert lines(write, text, "body.kind.x=2") == [
         '--set body.kind.x=2: body.kind is "standard", not a table -> a key of the file'
     ]
 
 
-INVALID = [
-    "body.mass",
-    "body.kind=suslov",
-    "body.mass=1/7",
-    "body.mass=0,6",
-    "start.run=rock.nc",
-    "body.mass=2\nbody.kind=1",
-]
+INVALID = ["body.mass", "body.kind=suslov", "body.mass=1/7", "body.mass=0,6", "body.mass=2\nbody.kind=1"]
 
 
 @pytest.mark.parametrize("override", INVALID)
@@ -418,13 +375,13 @@ def test_a_script_is_not_a_run_file(write):
         read_run_file(write("x = 1\n", "body.py"))
 
 
-@pytest.mark.parametrize("name", ["case2", "standard", "nontwisting", "heavy_top"])
+@pytest.mark.parametrize("name", ["case2", "heavy_top"])
 def test_a_result_tells_how_it_was_made_and_can_be_made_again(name, write):
     run = simulate(read_run_file(EXAMPLES / f"{name}.toml", ["time.t_end=0.5", "time.step=0.005"]).problem)
     again = simulate(read(write, run.attrs["run_file"]).problem)
     assert np.array_equal(again.directors, run.directors)
-    assert again.attrs["run_file"] == run.attrs["run_file"]
-    assert again.attrs["run_file_sha256"] == run.attrs["run_file_sha256"]
+    for key in ("run_file", "run_file_sha256"):
+        assert again.attrs[key] == run.attrs[key]
     assert "t_start = 0.0" in run.attrs["run_file"]
     assert "{  }" not in run.attrs["run_file"]  # options of the integrator: there are none
 
@@ -493,8 +450,52 @@ def test_a_coarse_step_is_forecast():
     assert "off the grid of step 0.005 s" in off_grid.warnings[0]
 
 
+WORDS = st.sampled_from(["body", "space", "standard", "pulse", "split", "wxyz", "", "é\u0007", "1e400"])
+ANY_NUMBER = st.one_of(st.floats(), st.integers(-(10**30), 10**400))
+GARBAGE = st.one_of(ANY_NUMBER, WORDS, st.booleans(), st.just([]), st.just({}), st.lists(ANY_NUMBER, max_size=4))
+PLAIN = [load for load, _ in LOADS.values() if "file" not in load]
+SOUND = [
+    *((EXAMPLES / f"{name}.toml").read_text(encoding="utf-8") for name in example_names()),
+    *(
+        f"[body]\n{body}[start]\nproject = true\nrotation = {form}\n[[load]]\n{load}\n"
+        for (body, _), form, load in zip(BODIES.values(), FORMS.values(), cycle(PLAIN), strict=False)
+    ),
+]
+
+
+@st.composite
+def documents(draw):
+    """A document, with up to three of its values put wrong."""
+    data, one_of = document("", draw(st.sampled_from(SOUND)).encode()), st.sampled_from
+    t_end, steps, name = draw(one_of([0.2, 0.05, 1e-3])), draw(st.integers(1, 40)), draw(one_of([*INTEGRATORS]))
+    data["time"] = {"t_end": t_end, "step": t_end / steps, "store": draw(one_of([1, 3, "end"]))}
+    data["integrator"] = {"name": draw(one_of(["gauss", "gauss", "lie-midpoint", "energy-momentum", name]))}
+    data.pop("sweep", None)
+    for _ in range(draw(one_of([0] * 16 + [1, 1, 3]))):
+        spoil(draw, data)
+    return data
+
+
+def spoil(draw, data):
+    """Put one value of the document wrong, or only extreme, or take it away, or add a key."""
+    place = data
+    while keys := list(place) if isinstance(place, dict) else list(range(len(place))):
+        key = draw(st.sampled_from(keys))
+        if isinstance(place[key], (dict, list)) and draw(st.integers(0, 5)):
+            place = place[key]
+            continue
+        what = draw(st.sampled_from(["garbage", "garbage", "number", "number", "take", "add"]))
+        if what == "take":
+            del place[key]
+        elif what == "add" and isinstance(place, dict):
+            place[draw(st.sampled_from(["kindd", "x", "a b", "order", "mass"]))] = draw(GARBAGE)
+        else:
+            place[key] = draw(ANY_NUMBER if what == "number" else GARBAGE)
+        return
+
+
 def outcome(data):
-    """Read and run a document as a user's file; nothing but an error in clear words, or a run whose invariants hold."""
+    """Read and run a document as a user's file; nothing but an error in clear words, or a run of numbers."""
     try:
         run_file = checked("doc", document("doc", toml_text(data).encode()), Folder(Path()))
     except RunFileError as error:
@@ -511,33 +512,13 @@ def outcome(data):
         except (ValueError, SimulationError) as error:
             return str(error)
     assert all(np.isfinite(v.values).all() for v in run.variables.values() if v.dtype.kind == "f")
-    scheme = run_file.integrator.name
-    by_order_only = ("total_energy", "energy_balance") if scheme == "split" else ()
-    for name, drift in drifts(run).items():
-        bound, least = (1e-9, 1e-12) if scheme == "continuous" else (1e-11, 10 * np.finfo(float).eps)
-        rounding = least * rounded(run_file, run)[drift.units]
-        assert name in by_order_only or drift.relative < bound or drift.absolute < rounding, (name, drift, rounding)
     return "run"
-
-
-def rounded(run_file, run):
-    """What errors are relative to where terms cancel: ‖J‖|w|, momenta of rotors, the work of moments and weight."""
-    speed, time = np.linalg.norm(run.angular_velocity.values, axis=1).max(), run.time.values
-    at, moments = np.linspace(time[0], time[-1], 1001), 0.0
-    for load in (Load((term,)) for term in run_file.prepared.plan.load.terms):
-        moments += max(np.linalg.norm(load.sample(at, kind), axis=1).max() for kind in ("body", "space"))
-        moments += np.linalg.norm(load.damping, 2) * speed
-    body = DirectorSystem.from_json(run.attrs["system"])
-    moments, moving = moments + np.linalg.norm(body.dead_force), np.linalg.svd(body.convected_inertia)[1]
-    speed += moments * (time[-1] - time[0]) / moving[-1]  # between the states
-    rotors = np.linalg.norm(run.rotor_momentum, axis=1).max() if "rotor_momentum" in run else 0.0
-    momentum = moving[0] * speed + rotors
-    return {"1": 0.0, "kg m2 s-1": momentum, "J": momentum * speed + moments * speed * (time[-1] - time[0])}
 
 
 @pytest.mark.filterwarnings("ignore:the centre of mass is the fixed point")
 @pytest.mark.parametrize("count", [30, pytest.param(10_000, marks=pytest.mark.long)])
-def test_generated_documents_end_in_a_sound_run_or_a_clear_error(count):
+def test_generated_documents_end_in_a_run_or_a_clear_error(count):
+    """Whether the runs are right, `test_generated_problems` asks."""
     ends = []
 
     @settings(max_examples=count, deadline=None, derandomize=True)

@@ -17,6 +17,7 @@ from nontwist import nontwisting, open_run, open_sweep, plot, resample, simulate
 from nontwist.errors import SweepStoreError
 from nontwist.integrators.split import fractions
 from nontwist.sweeps.store import ABSENT, SEAL, Blocks, open_store
+from refusals import says
 
 OLD = Path(__file__).parent / "data" / "0.1.0.zip"  # a run, a sweep file and its store, written by nontwist 0.1.0
 AGAIN = "run the sweep again to recompute the block"
@@ -63,9 +64,8 @@ def test_metadata_are_sealed(place):
     replace(store / "zarr.json", "values = [4.5,", "values = [4.6,")
     words = f" is damaged: zarr.json was changed after it was written; {REMEDY}"
     refused(store, words)
-    assert ended(3, "sweep-verify", store).stderr == f"{store}{words}\n"
-    with pytest.raises(SweepStoreError, match=r"zarr\.json was changed"):
-        sweep(place / "axes.toml", store)
+    for command in (["sweep-verify", store], ["sweep", place / "axes.toml", "--out", store]):
+        assert words in ended(3, *command).stderr
     unchecked = open_sweep(store, verify=False)
     assert (unchecked.attrs["verified"], unchecked.attrs["seal"]) == (0, "not read: verify=False")
     assert unchecked["body.inertia.2.2"][0] == 4.6
@@ -147,8 +147,7 @@ def test_a_chunk_where_all_of_a_block_is_refused_is_foreign(place):
     refused_chunk = chunk(store, "quaternion", 2)
     assert not refused_chunk.exists()  # all of it is NaN
     shutil.copy(chunk(store, "quaternion", 1), refused_chunk)  # its CRC-32C is right
-    with pytest.raises(SweepStoreError, match="block 2, members 2 to 2: quaternion was changed after it was written"):
-        open_sweep(store).quaternion[2].compute()
+    refused(store, f": block 2, members 2 to 2: quaternion was changed after it was written; {AGAIN}")
     assert (sweep(place / "axes.toml", store, workers=1).status.values == [0, 0, -1, 0, 0]).all()
     assert not refused_chunk.exists()
 
@@ -160,10 +159,8 @@ def test_a_block_without_a_marker_is_absent_whatever_its_chunks_hold(place):
     many = open_sweep(store).compute()
     assert many.status.values.tolist() == [0, 0, -1, ABSENT, 0]
     assert np.isnan(many.quaternion[3]).all()
-    with pytest.raises(SweepStoreError) as caught:
+    with pytest.raises(SweepStoreError, match="block 3, members 3 to 3: its marker was removed after the store was op"):
         running.status.compute()
-    reason = "its marker was removed after the store was opened"
-    assert str(caught.value) == f"{store}: block 3, members 3 to 3: {reason}; {AGAIN}"
 
 
 def test_nothing_is_read_before_it_is_asked_for(place, monkeypatch):
@@ -207,7 +204,7 @@ def test_the_hash_is_of_what_was_to_be_written(place, tmp_path, monkeypatch):
     assert open_store(tmp_path / "store").verified().damaged == {1: "quaternion was changed after it was written"}
 
 
-@pytest.mark.parametrize("flips", [30, pytest.param(2000, marks=pytest.mark.long)])
+@pytest.mark.parametrize("flips", [20, pytest.param(2000, marks=pytest.mark.long)])
 def test_a_flipped_bit_anywhere_is_noticed_or_changes_nothing(place, flips):
     store, rng = place / "axes.zarr", np.random.default_rng(flips)
     sound = open_sweep(store).compute()
@@ -274,11 +271,7 @@ def test_a_result_of_an_order_that_is_gone_is_of_use(place):
     rest = simulate(nontwisting([3, 4, 5]), start=old, **how)
     assert (float(rest.time[0]), rest.attrs["step"], len(rest.time)) == (1.0, 0.25, 5)
     assert np.array_equal(rest.quaternion[0], old.quaternion[-1])
-    gone = (
-        "the integrator of the run cannot be taken up again: lie-midpoint has the order 2; got order = 4: its higher "
-        "orders are gone, gauss keeps the same invariants: integrator='gauss', order=4"
-    )
-    with pytest.raises(ValueError, match=f"^{re.escape(gone)}$"):
+    with says():
         resample(old, [0.3])
 
 

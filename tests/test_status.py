@@ -5,34 +5,22 @@ import re
 import numpy as np
 import pytest
 
+import nontwist as nt
 from conftest import BODIES
-from nontwist import (
-    Load,
-    integrate,
-    memory_load,
-    moment,
-    nontwisting,
-    open_run,
-    save_run,
-    simulate,
-    simulate_ensemble,
-    sine,
-    standard,
-    stepper,
-)
+from nontwist import integrate, moment, nontwisting, simulate, simulate_ensemble, sine
 from nontwist.errors import SimulationError, Status
 from nontwist.integrators import INTEGRATORS, LieMidpoint
 from nontwist.integrators.problem import IVP
 from nontwist.models.stack import stacked
 from refusals import says
 
-BODY, W = standard([3, 4, 5]), {"material_angular_velocity": (1, 2, 3)}
+BODY, W = nt.standard([3, 4, 5]), {"material_angular_velocity": (1, 2, 3)}
 LOAD = sine([3, -1, 2], 1) + sine([0.5, 0, 1], 2, frame="space")
 ODD = [(0.7, 187), (0.9169341449510143, 5), (0.013276945193271291, 100), (1.1, 49)]  # (T, N)
 
 
 def grid(t_start, t_end, N):
-    return IVP(stacked(BODY), np.eye(4)[3:], np.zeros((1, 3)), Load(), t_start, t_end, N, np.arange(N + 1))
+    return IVP(stacked(BODY), np.eye(4)[3:], np.zeros((1, 3)), nt.Load(), t_start, t_end, N, np.arange(N + 1))
 
 
 def test_grids_begin_and_end_exactly():
@@ -51,7 +39,7 @@ def test_grids_begin_and_end_exactly():
 
 @pytest.mark.parametrize("name", INTEGRATORS)
 def test_every_integrator_reaches_t_end(name):
-    for t_end, N in ODD:
+    for t_end, N in ODD[:2]:
         how = {"t_end": t_end, "step": t_end / N, "integrator": name, **W}
         for store, states in ((1, N + 1), ("end", 2)):
             run, many = integrate(BODY, store=store, **how), simulate_ensemble(BODY, store=store, **how)
@@ -62,13 +50,9 @@ def test_every_integrator_reaches_t_end(name):
 
 
 def test_steps_below_the_resolution_of_the_times_are_refused():
-    message = (
-        "step = 1e-06 s is too short: times up to 1000000001 s are resolved to 1.2e-07 s; "
-        "step = 3.81469726562e-06 s would do, or times counted from a start at 0"
-    )
     how = {"t_start": 1e9, "t_end": 1e9 + 1, **W}
     for call in (simulate, simulate_ensemble):
-        with pytest.raises(ValueError, match=re.escape(message)):
+        with says():
             call(BODY, step=1e-6, **how)
     assert simulate(BODY, step=3.81469726562e-06, store="end", **how).attrs["status"] == Status.OK
 
@@ -92,7 +76,8 @@ def spoilt(name, value, *at, member=0):
     return spoiling(spoil)
 
 
-OVERFLOWS = "; choose units of time, length and mass in which the numbers of the run are nearer to 1"
+NOT_FINITE = "is not finite at the end of it; choose units of time, length and mass in which the numbers of the run "
+NOT_FINITE += "are nearer to 1"
 
 
 @pytest.mark.filterwarnings("error")
@@ -111,11 +96,9 @@ def test_a_result_that_is_not_finite_is_a_failed_run(name, value, said, store):
     good, how = 3 + (name not in ("quaternion", "velocity")), {"angular_velocity": [1, 2, 0], "store": store}
     with pytest.raises(SimulationError) as info:
         integrate(BODIES["nontwisting"](), t_end=2, step=0.1, integrator=spoilt(name, value, 3), **how)
-    error, step = info.value, store * (good - 1)
-    begin = f"step {step} at t = {step / 10:.12g} s: the variable {said} is not finite at the end of it"
+    error, kept, step = info.value, info.value.partial, store * (good - 1)
+    assert str(error) == f"step {step} at t = {step / 10:.12g} s: the variable {said} {NOT_FINITE}"
     assert (error.status, error.time) == (Status.NOT_FINITE, pytest.approx(step / 10))
-    assert str(error) == begin + OVERFLOWS
-    kept = error.partial
     assert (kept.status, len(kept.directors), len(kept.moment)) == (Status.NOT_FINITE, good, good - 1)
     assert all(np.isfinite(variable).all() for variable in kept.to_dataset().data_vars.values())
 
@@ -156,35 +139,32 @@ def test_times_that_do_not_increase_are_a_failed_run(monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("what", "at", "value", "good", "said"),
+    ("what", "at", "value", "said"),
     [
-        ("quaternion", (2,), np.nan, 2, "quaternion"),
-        ("velocity", (3, 0), np.inf, 3, "material_angular_velocity"),
-        ("velocity", (3,), 1e170, 3, "kinetic_energy"),
-        ("observed", (1, 0), np.inf, 1, "kinetic_energy"),
+        ("quaternion", (2,), np.nan, "quaternion"),
+        ("velocity", (3, 0), np.inf, "material_angular_velocity"),
+        ("velocity", (3,), 1e170, "kinetic_energy"),
+        ("observed", (1, 0), np.inf, "kinetic_energy"),
     ],
 )
-def test_a_member_that_is_not_finite_has_failed_and_no_other(what, at, value, good, said):
-    scheme = spoilt(what, value, *at, member=1)
-    how = {"t_end": 1, "step": 0.1, "store": 2, "load_scale": [1, 1, 1], "reduce": "extrema", **W}
+def test_a_member_that_is_not_finite_has_failed_and_no_other(what, at, value, said):
+    good, how = at[0], {"t_end": 1, "step": 0.1, "store": 2, "load_scale": [1, 1, 1], "reduce": "extrema", **W}
     sound = simulate_ensemble(BODY, integrator="lie-midpoint", **how)
-    begin = f"1 of 3 members have failed, the first is 1: step {2 * (good - 1)} at t = {(good - 1) / 5:.12g} s: "
-    expected = begin + f"the variable {said} is not finite at the end of it" + OVERFLOWS
-    with pytest.warns(UserWarning, match=f"^{re.escape(expected)}$"):
-        many = simulate_ensemble(BODY, integrator=scheme, **how)
+    told = f"step {2 * (good - 1)} at t = {(good - 1) / 5:.12g} s: the variable {said} {NOT_FINITE}"
+    with pytest.warns(UserWarning, match=f"^1 of 3 members have failed, the first is 1: {re.escape(told)}$"):
+        many = simulate_ensemble(BODY, integrator=spoilt(what, value, *at, member=1), **how)
     assert many.status.values.tolist() == [0, Status.NOT_FINITE, 0]
     assert many.status.attrs["flag_meanings"].split()[-3:] == ["not_finite", "incomplete", "jump"]
-    assert many.message.values.tolist() == ["", expected.partition("1: ")[2], ""]
+    assert many.message.values.tolist() == ["", told, ""]
     for name in ("quaternion", "material_angular_velocity", "kinetic_energy_max"):
         assert np.array_equal(many[name][[0, 2]], sound[name][[0, 2]])
-        late = many[name][1, good:] if name != "kinetic_energy_max" else many[name][1]
-        assert np.isnan(late).all()
+        assert np.isnan(many[name][1, good:] if name != "kinetic_energy_max" else many[name][1]).all()
     assert np.isfinite(many.quaternion[1, :good]).all()
 
 
 def test_a_run_too_short_for_numbers_is_refused():
     """Its multipliers were once infinite: 2/h is no number."""
-    with pytest.raises(ValueError, match=r"^step = 1e-313 s is not between 1e-140 and 1e\+140 s; choose another unit"):
+    with says():
         simulate(BODY, t_end=1e-311, integrator="energy-momentum", **W)
     short, long = (simulate(BODY, t_end=t, integrator="energy-momentum", **W) for t in (1e-130, 1e-6))
     assert short.multipliers.values[0] == pytest.approx(long.multipliers.values[0], rel=1e-4, abs=1e-4)
@@ -206,7 +186,7 @@ def assert_same(first, second):
 
 @pytest.mark.parametrize(("name", "body"), [("lie-midpoint", "nontwisting"), ("energy-momentum", "standard")])
 def test_a_run_to_T_and_on_to_2T_is_the_run_to_2T_bit_for_bit(name, body, tmp_path):
-    for T, N in [*ODD, (0.37, 23)]:
+    for T, N in (ODD[0], (0.37, 23)):
         system, how = BODIES[body](), {"step": T / N, "integrator": name, "load": LOAD}
         start = {"angular_velocity": (1.0, -2.0, 0.5), "project": True}
         whole, longer = (integrate(system, t_end=k * T, **start, **how) for k in (2, 4))
@@ -216,8 +196,8 @@ def test_a_run_to_T_and_on_to_2T_is_the_run_to_2T_bit_for_bit(name, body, tmp_pa
         assert_same(bits(second), bits(whole, N))
         assert_same(bits(integrate(system, t_end=4 * T, start=second, **how)), bits(longer, 2 * N))
     for k, run in ((2, first), (4, second)):
-        save_run(run.to_dataset(), tmp_path / f"{k}.nc")
-        again = integrate(system, t_end=k * T, start=open_run(tmp_path / f"{k}.nc"), **how)
+        nt.save_run(run.to_dataset(), tmp_path / f"{k}.nc")
+        again = integrate(system, t_end=k * T, start=nt.open_run(tmp_path / f"{k}.nc"), **how)
         assert_same(bits(again), bits(whole if k == 2 else longer, k * N // 2))
 
 
@@ -241,10 +221,8 @@ def test_another_grid_is_not_continued():
     first = integrate(BODY, t_end=0.7, step=0.7 / 187, **W)
     for how in ({"t_end": 1.4, "step": 0.7 / 11}, {"t_end": 0.7 + 0.7 * (1 + 1e-10), "step": 0.7 / 187}):
         rest = integrate(BODY, start=first, **how)
-        assert rest.origin is None
-        assert rest.step == (how["t_end"] - 0.7) / (len(rest.time) - 1)
-    later = integrate(BODY, start=first, t_start=1.0, t_end=1.7, step=0.7 / 187)
-    assert later.origin is None
+        assert (rest.origin, rest.step) == (None, (how["t_end"] - 0.7) / (len(rest.time) - 1))
+    assert integrate(BODY, start=first, t_start=1.0, t_end=1.7, step=0.7 / 187).origin is None
 
 
 def test_an_ensemble_continues_the_grid_of_an_ensemble_and_of_a_run():
@@ -275,14 +253,13 @@ def breaking(t, directors, w):
 @pytest.mark.parametrize("integrator", ["gauss", "lie-midpoint", "energy-momentum", "split", "continuous"])
 def test_what_a_load_raised_is_the_cause(integrator):
     how = {"material_angular_velocity": (1, 2, 0), "integrator": integrator, "load": moment(breaking)}
-    for function in (simulate, integrate):
-        with pytest.raises(SimulationError) as told:
-            function(nontwisting([3, 4, 5]), t_end=1, step=None if integrator == "continuous" else 0.1, **how)
-        assert isinstance(told.value.__cause__.__cause__, ArithmeticError)
+    with pytest.raises(SimulationError) as told:
+        simulate(nontwisting([3, 4, 5]), t_end=1, step=None if integrator == "continuous" else 0.1, **how)
+    assert isinstance(told.value.__cause__.__cause__, ArithmeticError)
 
 
 def test_what_a_load_of_a_stepper_beside_memory_raised_is_the_cause():
-    beside = memory_load(lambda t, z, d, w: -z, lambda t, z, d, w: 0 * w, [1.0])
+    beside = nt.memory_load(lambda t, z, d, w: -z, lambda t, z, d, w: 0 * w, [1.0])
     with pytest.raises(SimulationError) as told:
-        stepper(nontwisting([3, 4, 5]), step=2, load=moment(breaking) + beside, integrator="gauss").step()
+        nt.stepper(nontwisting([3, 4, 5]), step=2, load=moment(breaking) + beside, integrator="gauss").step()
     assert isinstance(told.value.__cause__.__cause__, ArithmeticError)

@@ -2,6 +2,7 @@
 
 import errno
 import os
+import re
 from pathlib import Path
 from typing import get_args, get_type_hints
 
@@ -16,6 +17,7 @@ from faults.writers import WRITERS, prepare
 from nontwist import plot
 from nontwist.cli import app
 from nontwist.io.whole import reserved_path
+from refusals import says
 
 
 @pytest.fixture(scope="module")
@@ -27,26 +29,28 @@ def folder(tmp_path_factory):
     os.chdir(before)
 
 
+def told(words, kind=OSError):
+    return pytest.raises(kind, match=f"^{re.escape(words)}$")
+
+
 @pytest.mark.parametrize("name", WRITERS)
 def test_what_exists_is_not_replaced(name, folder):
     write, files = WRITERS[name]
+    force = "--force (force=True)" if name in PYTHON else "--force"
     for file in {files[0], files[-1]}:
         place = folder / file
         place.write_text("mine", encoding="utf-8")
-        with pytest.raises(OSError, match="exists; choose another name, or overwrite it") as refused:
+        with told(f"{file} exists; choose another name, or overwrite it: {force}"):
             write(False)
-        in_python = " (force=True)" if name in PYTHON else ""
-        assert str(refused.value) == f"{file} exists; choose another name, or overwrite it: --force{in_python}"
         assert place.read_text(encoding="utf-8") == "mine"
         place.unlink()
         place.mkdir()
-        with pytest.raises(OSError, match="is not a file that could be replaced") as refused:
+        with told(f"{file} is not a file that could be replaced; choose another name"):
             write(True)
-        assert str(refused.value) == f"{file} is not a file that could be replaced; choose another name"
         place.rmdir()
-        with reserved_path(place), pytest.raises(BlockingIOError if name in PYTHON else OSError) as refused:
+        in_use = f"another process is writing {file}; wait for it, or choose another name"
+        with reserved_path(place), told(in_use, BlockingIOError if name in PYTHON else OSError):
             write(True)
-        assert str(refused.value) == f"another process is writing {file}; wait for it, or choose another name"
         assert not any((folder / other).exists() for other in files)
 
 
@@ -128,10 +132,8 @@ def test_a_figure_of_several_files_is_refused_as_a_whole(tmp_path):
     there.write_text("mine", encoding="utf-8")
     with pytest.raises(FileExistsError):
         plot.save(figure, tmp_path / "a.pdf", there)
-    for name, form in (("a", ""), ("a.doc", "doc")):
-        with pytest.raises(
-            ValueError, match=f"{name}: the suffix '{form}' names no format of figures; use .pdf, .svg or"
-        ):
+    for name in ("a", "a.doc"):
+        with says():
             plot.save(figure, tmp_path / "b.pdf", tmp_path / name)
     assert [place.name for place in tmp_path.iterdir()] == ["a.png"]
     plot.save(figure, tmp_path / "a.PDF", there, force=True)

@@ -1,11 +1,8 @@
 """`make faults`: every fault, what was done and what happened, on the screen and in docs/faults.md."""
 
-from __future__ import annotations
-
 import inspect
 import sys
 import tempfile
-from collections.abc import Callable
 from pathlib import Path
 
 from rich.console import Console
@@ -25,19 +22,19 @@ is written completely or not at all.
 | --- | ---: |"""
 
 
-def page() -> str:
+def page():
     """Return the page: how many faults there are of each kind."""
     kinds = [(inspect.getdoc(module) or "").partition("\n")[0].removeprefix("Faults of ") for module in MODULES]
     rows = [f"| {kind.rstrip('.')} | {len(module.FAULTS)} |" for kind, module in zip(kinds, MODULES, strict=True)]
     return "\n".join([HEAD, *rows]) + "\n"
 
 
-def done_by(fault: Callable[[Path], str]) -> str:
+def done_by(fault):
     """Return what a fault does, in one line."""
     return " ".join((inspect.getdoc(fault) or "").split())
 
 
-def main() -> None:
+def main():
     """Run all faults, print the table, write the page."""
     lines, failed = [], []
     for name, fault in track(FAULTS.items(), "faults", console=Console(stderr=True)):

@@ -1,19 +1,16 @@
 """Processes to be killed, starved and locked out; forked from one that has imported everything, so each is quick."""
 
-from __future__ import annotations
-
 import ctypes
 import multiprocessing
 import os
 import sys
-import traceback
-from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
 from functools import cache
 from multiprocessing import forkserver
 from multiprocessing.connection import wait
-from multiprocessing.context import ForkServerProcess
 from pathlib import Path
-from typing import Any
+
+import pytest
 
 CONTEXT = multiprocessing.get_context("forkserver")
 CONTEXT.set_forkserver_preload(["faults.preloaded"])
@@ -22,19 +19,14 @@ CAPABILITIES, WRITE_ANYWHERE = 0x20080522, 1 << 1  # version 3 of the interface;
 
 
 @cache
-def _start_server() -> None:
+def _start_server():
     """Start what processes are forked from; it finds its modules by the environment alone."""
-    before = os.environ.get("PYTHONPATH")
-    os.environ["PYTHONPATH"] = os.pathsep.join([TESTS, *([before] if before else [])])
-    try:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("PYTHONPATH", TESTS, prepend=os.pathsep)
         forkserver.ensure_running()
-    finally:
-        del os.environ["PYTHONPATH"]
-        if before:
-            os.environ["PYTHONPATH"] = before
 
 
-def child(function: Callable[..., None], *arguments: Any) -> ForkServerProcess:
+def child(function, *arguments):
     """Start a process that calls `function` with the arguments."""
     _start_server()
     process = CONTEXT.Process(target=function, args=arguments, daemon=True)
@@ -42,34 +34,21 @@ def child(function: Callable[..., None], *arguments: Any) -> ForkServerProcess:
     return process
 
 
-def answer(function: Callable[..., Any], *arguments: Any) -> Any:
+def answer(function, *arguments):
     """Return what `function` returns in a process of its own, which must end by itself."""
-    ours, theirs = CONTEXT.Pipe(duplex=False)
-    process = child(_answering, theirs, function, arguments)
-    theirs.close()
-    wait([ours, process.sentinel])
-    result, failure = ours.recv() if ours.poll() else (None, "the process ended without an answer")
-    process.join()
-    assert failure is None, failure
-    assert process.exitcode == 0, f"the process ended with {process.exitcode}"
-    return result
+    _start_server()
+    with ProcessPoolExecutor(1, CONTEXT) as one:
+        return one.submit(function, *arguments).result()
 
 
-def _answering(pipe: Any, function: Callable[..., Any], arguments: tuple[Any, ...]) -> None:
-    try:
-        pipe.send((function(*arguments), None))
-    except BaseException:
-        pipe.send((None, traceback.format_exc()))
-
-
-def happened(process: ForkServerProcess, event: Any) -> None:
+def happened(process, event):
     """Wait until `process` sends something through the pipe `event`, or has ended without doing so, a failure."""
     wait([event, process.sentinel])
     assert event.poll(), f"the process ended with {process.exitcode}"
     event.recv()
 
 
-def without_rights() -> None:
+def without_rights():
     """Give up root's right to write where the permissions forbid it; what root may read and enter stays open.
 
     So a read-only folder is read-only, and modules can still be imported from a checkout that only root may enter.

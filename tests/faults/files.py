@@ -1,13 +1,9 @@
 """Faults of files: damaged, cut off, in odd places."""
 
-from __future__ import annotations
-
 import os
 from functools import cache
-from pathlib import Path
 
 import numpy as np
-import xarray
 
 from nontwist import nontwisting, open_run, save_run, simulate
 from nontwist.errors import ResultFileError
@@ -15,12 +11,12 @@ from nontwist.io.results import LENGTH
 
 
 @cache
-def a_run(steps: int = 100) -> xarray.Dataset:
+def a_run(steps=100):
     """A run of a free body."""
     return simulate(nontwisting([3, 4, 5]), t_end=1, step=1 / steps, material_angular_velocity=(1, 2, 0))
 
 
-def refusal(path: Path) -> str:
+def refusal(path):
     """Return why a file is refused, without its folder."""
     try:
         open_run(path)
@@ -32,7 +28,7 @@ def refusal(path: Path) -> str:
     return reason
 
 
-def one_flipped_bit(folder: Path) -> str:
+def one_flipped_bit(folder):
     """One bit flipped anywhere in a result file, and in every byte of its seal; 300 times."""
     path, rng = folder / "run.nc", np.random.default_rng(0)
     save_run(a_run(), path)
@@ -45,7 +41,7 @@ def one_flipped_bit(folder: Path) -> str:
     return "detected 300 times out of 300"
 
 
-def cut_off(folder: Path) -> str:
+def cut_off(folder):
     """A result file cut off at 50 places."""
     path, rng = folder / "run.nc", np.random.default_rng(0)
     save_run(a_run(), path)
@@ -56,7 +52,7 @@ def cut_off(folder: Path) -> str:
     return f"refused each time, the last with “{reason}”"
 
 
-def odd_names(folder: Path) -> str:
+def odd_names(folder):
     """Results under names with spaces, letters of three scripts, quotes, a line break, a first hyphen, 200 letters."""
     names = ["a b", "Größe ψ", "回転 運動", 'it\'s "here"', "two\nlines", "x" * 200, "-rf", "a%20b#c?d"]
     for name in (os.fsdecode(name.encode()) for name in names):

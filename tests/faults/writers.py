@@ -1,7 +1,5 @@
 """Faults of every writer of the package: commands and functions."""
 
-from __future__ import annotations
-
 import os
 import resource
 import webbrowser
@@ -9,7 +7,7 @@ from collections.abc import Callable
 from functools import cache
 from math import cos, sin
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from typer.testing import CliRunner
 
@@ -38,8 +36,8 @@ class Writer(NamedTuple):
     files: tuple[str, ...]
 
 
-def _command(line: str, *files: str) -> Writer:
-    def write(force: bool) -> str:
+def _command(line, *files):
+    def write(force):
         result = CliRunner().invoke(app, [*line.split(), *["--force"] * force], env={"COLUMNS": "200"})
         assert "Traceback" not in result.output, result.output
         if result.exit_code == 5:
@@ -51,23 +49,23 @@ def _command(line: str, *files: str) -> Writer:
 
 
 @cache
-def _run() -> Any:
+def _run():
     return simulate(standard([3, 4, 5]), t_end=1, step=0.1, angular_velocity=(1, 2, 0))
 
 
 @cache
-def _thrown() -> str:
+def _thrown():
     run = simulate(standard([1, 2, 2.5]), t_end=1, material_angular_velocity=(3, 8, 1))
     seen = sensors.gyroscope(run, noise=1e-4, rate=100)
     return "".join(f"{t},{x},{y},{z}\n" for t, (x, y, z) in zip(seen.time.values, seen.gyroscope.values, strict=True))
 
 
 @cache
-def _drawn() -> Any:
+def _drawn():
     return plot.energy(_run())
 
 
-def _figures(*names: str) -> list[str]:
+def _figures(*names):
     return [f"{name}{suffix}" for name in names for suffix in (".pdf", ".png")]
 
 
@@ -105,7 +103,7 @@ WRITERS = {
 }
 
 
-def prepare(folder: Path) -> None:
+def prepare(folder):
     """Make what the writers read, and work in the folder."""
     os.chdir(folder)
     Path("run.toml").write_text(RUN_FILE, encoding="utf-8")
@@ -117,11 +115,11 @@ def prepare(folder: Path) -> None:
     Path("case1").mkdir()
 
 
-def _there() -> dict[str, bytes]:
+def _there():
     return {str(place): place.read_bytes() for place in Path().rglob("*") if place.is_file()}
 
 
-def _replacing_and_failing(folder: Path) -> int:
+def _replacing_and_failing(folder):
     """Let each writer replace files, then without room for its largest file: one that is there, one that is not."""
     prepare(folder)
     webbrowser.open = lambda address: True
@@ -148,7 +146,7 @@ def _replacing_and_failing(folder: Path) -> int:
     return len(WRITERS)
 
 
-def _without_room(writer: Writer, limit: int) -> str:
+def _without_room(writer, limit):
     """Return what a writer says where files may have `limit` bytes."""
     resource.setrlimit(resource.RLIMIT_FSIZE, (limit, resource.RLIM_INFINITY))
     try:
@@ -160,7 +158,7 @@ def _without_room(writer: Writer, limit: int) -> str:
     raise AssertionError("all was written")
 
 
-def full_disk_everywhere(folder: Path) -> str:
+def full_disk_everywhere(folder):
     """No space for the output of any command or function: figures, pages, tables, run files; new or replaced."""
     count = answer(_replacing_and_failing, folder)
     return f"{count} writers: status 5 or an OSError that names the file; nothing is left, old files remain complete"

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..geometry.arrays import Array, as_array, as_floats, as_tensor, increasing
-from ..geometry.values import as_function, short_repr
+from ..geometry.values import as_function, as_list, short_repr
 from .base import Load
 from .friction import DryFriction
 from .functions import as_c_function, is_c_function
@@ -489,7 +489,7 @@ def wheel(
     is_number = not (is_table or is_motor or torque is None)
     if (is_table and len(torque) != 2) or (is_number and as_floats(torque, "torque").ndim > 0):
         raise ValueError(f"torque must be a number, (times, values) or a function, got {short_repr(torque)}")
-    if len(breakpoints) and not is_motor:
+    if as_list(breakpoints, "breakpoints") and not is_motor:
         raise ValueError("breakpoints are times where a torque that is a function jumps; a table has its own")
     if friction is not None and not callable(friction):
         raise ValueError(

@@ -1,4 +1,4 @@
-"""Machine code wherever the package lies, and on other processors: the same bits, nothing kept on disk.
+"""Machine code wherever the package lies, and on other processors: the same bits, nothing kept on disk."""
 
 import os
 import shutil

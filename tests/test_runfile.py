@@ -469,7 +469,7 @@ def documents(draw):
     data["time"] = {"t_end": t_end, "step": t_end / steps, "store": draw(one_of([1, 3, "end"]))}
     data["integrator"] = {"name": draw(one_of(["gauss", "gauss", "lie-midpoint", "energy-momentum", name]))}
     data.pop("sweep", None)
-    for _ in range(draw(one_of([0] * 16 + [1, 1, 3]))):
+    for _ in range(draw(one_of([0] * 30 + [1, 1, 3]))):
         spoil(draw, data)
     return data
 

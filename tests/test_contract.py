@@ -22,7 +22,7 @@ SCHEMES = schemes() | {
 }
 QUICK = ["energy-momentum 2", "lie-midpoint 2", "energy-momentum 1 dissipative", "split 4", "exact", "continuous"]
 QUICK += SCHEMES.keys() - schemes().keys()
-STEP, COUNT = 1 / 8, 12
+STEP, COUNT = 1 / 4, 6
 START = {"rotation": ASKEW, "material_angular_velocity": W, "project": True}
 BODY_MOMENT, SPACE_MOMENT = (0.9, -0.4, 0.7), (0.3, 0.5, -0.2)  # that a stepper is given in each step
 

@@ -15,9 +15,9 @@ EYE = Rotation.identity()
 SKEW = Rotation.from_rotvec([0.9, -0.7, 1.1])
 
 
-@pytest.mark.parametrize("target", [SKEW, Rotation.from_rotvec([np.pi, 0, 0])])
-def test_targets_are_reached_at_rest(target):
+def test_a_half_turn_is_reached_at_rest():
     """As another integrator, SciPy's, has it; in ten times the time, of twice the inertia, in the same way."""
+    target = Rotation.from_rotvec([np.pi, 0, 0])
     start, how = Rotation.from_rotvec([1, -2, 0.5]), {"nodes": 11}
     found = least_effort(nontwisting(J), start, start * target, t_end=7, **how)
     assert found.gap < 1e-12
@@ -49,6 +49,7 @@ def test_it_is_the_least_of_all_moments():
     """
     moments, across, target = (2, 5, 4), np.array([2, 5]), SKEW
     found = least_effort(nontwisting(moments), EYE, target, t_end=1, nodes=41)
+    assert found.gap < 1e-12
 
     def rates(t, x):
         R, W, dW = x[:9].reshape(3, 3), x[9:11], x[11:13]

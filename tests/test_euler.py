@@ -1,7 +1,6 @@
 """Euler angles and their rates in exports, angles and angular velocities of run files in other units."""
 
 import json
-import os
 from itertools import product
 
 import numpy as np
@@ -9,7 +8,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from conftest import ended, nontwist
-from nontwist import save_run, simulate, standard, sweep
+from nontwist import save_run, simulate, standard
 from nontwist.geometry.attitudes import euler_angles
 from nontwist.io.results import with_euler
 from nontwist.runfile import read_run_file
@@ -47,9 +46,8 @@ def test_in_gimbal_lock_the_outer_rates_are_infinite_and_said_to_be(letters, mid
     assert (turned.inv() * start["rotation"]).magnitude() < 1e-7
 
 
-def test_the_export_has_them(run, tmp_path):
-    save_run(run, tmp_path / "run.nc")
-    os.chdir(tmp_path)
+def test_the_export_has_them(run, here):
+    save_run(run, "run.nc")
     shown = nontwist("export", "run.nc", "--euler", "ZXZ", "--degrees", "--columns", "kinetic_energy", "--to", "json")
     columns = json.loads(shown.stdout)["columns"]
     names = [f"euler_{x}_{k} [degree{per}]" for x, per in (("angles", ""), ("rates", " s-1")) for k in (1, 2, 3)]
@@ -60,10 +58,10 @@ def test_the_export_has_them(run, tmp_path):
             euler_angles(np.array([[0, 0, 0, 1.0]]), np.zeros((1, 3)), wrong)
     assert "--euler requires 3 axes" in ended(3, "export", "run.nc", "--euler", "ZxZ").stderr
     locked = simulate(standard([3, 4, 5]), t_end=1, step=0.5, material_angular_velocity=(1, 2, 3))
-    save_run(locked, tmp_path / "locked.nc")
+    save_run(locked, "locked.nc")
     shown = nontwist("export", "locked.nc", "--euler", "ZXZ", "--out", "locked.csv")
     assert "third angle are infinite there; another --euler avoids it" in " ".join(shown.stderr.split())
-    assert ",inf," in (tmp_path / "locked.csv").read_text(encoding="utf-8").splitlines()[1] + ","
+    assert ",inf," in (here / "locked.csv").read_text(encoding="utf-8").splitlines()[1] + ","
 
 
 FILE = """
@@ -77,15 +75,8 @@ angular_velocity = { body = [30.0, 0.0, 60.0], unit = "deg/s" }
 
 
 @pytest.mark.parametrize(("unit", "factor"), [("deg/s", np.pi / 180), ("rpm", np.pi / 30)])
-def test_run_files_take_other_units(tmp_path, unit, factor):
-    path = tmp_path / "run.toml"
-    path.write_text(FILE.replace("deg/s", unit), encoding="utf-8")
-    run, W = simulate(read_run_file(path).problem), factor * np.array([30, 0, 60])
-    assert np.allclose(run.material_angular_velocity.values[0], W, rtol=1e-15)
+def test_run_files_take_other_units(write, unit, factor):
+    run = simulate(read_run_file(write(FILE.replace("deg/s", unit))).problem)
+    assert np.allclose(run.material_angular_velocity.values[0], factor * np.array([30, 0, 60]), rtol=1e-15)
     turned = Rotation.from_euler("ZXZ", [10, 20, 30], degrees=True)
     assert (Rotation.from_quat(run.quaternion.values[0]) * turned.inv()).magnitude() < 1e-15
-    over = '[[sweep.over]]\nkey = "start.angular_velocity.body.0"\nkind = "list"\nvalues = [30.0, 45.0]\n'
-    path.write_text(FILE.replace("deg/s", unit) + over, encoding="utf-8")
-    many = sweep(path, tmp_path / "store", workers=1)
-    assert many["start.angular_velocity.body.0"].attrs["units"] == unit.replace("/s", " s-1")
-    assert abs(many.quaternion.values[0] @ run.quaternion.values[-1]) == pytest.approx(1, abs=1e-13)

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from conftest import ended
 from fit_errors import CENTRE, MASS, TURNED, begun, csv, farthest, off, off_by, recorded, tilted, whole
 from fit_errors import FREE as J
-from nontwist import fit_inertia, heavy_top, rotation, sensors, simulate, standard
+from nontwist import heavy_top, rotation, sensors, simulate, standard
 from refusals import refused_as
 
 THETA, SCALES, LATE = np.array([0.03, -0.05, 0.02]), np.array([1.01, 0.985, 1.005]), 0.008
@@ -69,12 +69,6 @@ def test_attitudes_tell_all_errors():
     assert fit.delay[1][1] - fit.delay[1][0] < 1e-3
 
 
-def test_errors_that_are_not_fitted_are_seen():
-    time, rates, read, _ = flight()
-    with pytest.warns(UserWarning, match="times what noise explains|not white"):
-        whole((time, rates, read))
-
-
 @pytest.mark.parametrize("how", ["given", "a prior"])
 def test_errors_that_are_known_need_no_attitudes(how):
     time, rates, _, body = flight()
@@ -94,7 +88,7 @@ def test_errors_that_are_known_need_no_attitudes(how):
 def test_a_pendulum_tells_the_misalignment_across_its_centre():
     how = {"rotation": Rotation.from_euler("x", 80, degrees=True), "sensor": {"misalignment": THETA, "rate": 100}}
     read = recorded(heavy_top([0.018, 0.021, 0.007], MASS, CENTRE), 3, (2, -3, 6), **how)
-    fit = fit_inertia(read, gravity={"mass": MASS, "centre": CENTRE}, misalignment={"error": 0.1})
+    fit = whole(read, gravity={"mass": MASS, "centre": CENTRE}, misalignment={"error": 0.1})
     across = np.eye(3) - np.outer(CENTRE, CENTRE) / (CENTRE @ CENTRE)
     assert across @ fit.misalignment[0] == pytest.approx(across @ THETA, abs=5e-3)
 

@@ -7,13 +7,18 @@ import sys
 from pathlib import Path
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
+from llvmlite import binding
 
 import nontwist
-from conftest import PAPER_J
-from nontwist import damping, heavy_top, integrate, sine, standard
-from nontwist.integrators import stack_march
+from conftest import BODIES, PAPER_J
+from nontwist import Load, damping, heavy_top, integrate, sine, standard
+from nontwist.engine.records import BLOCK
+from nontwist.engine.workspace import CALL, IN_BLOCK
+from nontwist.integrators import INTEGRATORS, IVP, stack_march
 from nontwist.kernels import machine_code
+from nontwist.models.stack import stacked
 
 HERE = Path(nontwist.__file__).parent
 
@@ -84,3 +89,88 @@ def test_what_is_done_for_speed_and_other_processors_change_no_bit(name, order, 
         run = integrate(heavy_top(PAPER_J, 0.3, (0, 0.1, 0.4)), material_angular_velocity=(6, -8, 0), **how)
         found.add((run.directors.tobytes(), run.director_velocities.tobytes()))
     assert len(found) == 1
+
+
+AT, PAGE, FUSED = 0x2000_0000_0000, 4096, "+fma" in machine_code.processor()[1]
+HARNESS = r"""
+#include <stdio.h>
+#include <stdlib.h>
+#include <sys/mman.h>
+void kernel(long);
+int main(int count, char **given) {
+    size_t size = strtoul(given[2], 0, 10);
+    FILE *file = fopen(given[1], "r+b");
+    char *memory = mmap((void *)PLACE, size, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS | MAP_FIXED, -1, 0);
+    if (memory != (char *)PLACE || fread(memory, 1, size, file) != size) return 1;
+    kernel(PLACE);
+    rewind(file);
+    return fwrite(memory, 1, size, file) != size;
+}
+"""
+
+
+def marched(scheme, body, load):
+    """The kernel of a march of 20 steps, its block before, and the arrays that the block has addresses of."""
+    system, W, found = BODIES[body](), np.array([6.0, -8.0, 0.0 if body == "nontwisting" else 1.0]), []
+    W = W if system.axis is None else W - (system.axis @ W) * system.axis
+    run = stack_march.StackMarch._run
+
+    def record(self, todo, width, first, last):
+        block, workspace, _ = self.laid(todo, width, first, last)
+        for name in IN_BLOCK:
+            block[getattr(BLOCK, name)] = todo.arrays[0][0, getattr(CALL, name)]
+        fractions = [gamma for gamma, _ in self.stages.values()]
+        owned = [self.sequence, self.stack.stored, self.bodies, self.scales, self.sizes, self.table, self.lengths]
+        owned = [a for a in (*owned, workspace, *self.loads, *fractions) if a is not None]
+        states = self.arrays["states"].base
+        arrays = [(states.ctypes.data, states.copy()), *((a.ctypes.data, np.ascontiguousarray(a)) for a in owned)]
+        found.append((self.kernel(self.groups[0], width), block, arrays))
+        run(self, todo, width, first, last)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(stack_march.StackMarch, "_run", record)
+        scheme.march(IVP(stacked(system), np.eye(4)[3:], W[None], load, 0.0, 1.0, 20, np.arange(21), intervals=True))
+    return found[0]
+
+
+def image_of(block, arrays):
+    """The block and the arrays as one piece of memory at `AT`, with its addresses; and where the states lie in it."""
+    places = PAGE * np.cumsum([1, *(-(-array.nbytes // PAGE) for _, array in arrays)])
+    moved, image = block.copy(), bytearray(places[-1])
+    for (address, array), place in zip(arrays, places[:-1].tolist(), strict=True):
+        inside = (block >= address) & (block < address + array.nbytes)
+        moved[inside] = AT + place + block[inside] - address
+        image[place : place + array.nbytes] = array.tobytes()
+    image[: block.nbytes] = moved.tobytes()
+    return bytes(image), slice(PAGE, PAGE + arrays[0][1].nbytes)
+
+
+@pytest.mark.long
+@pytest.mark.skipif(
+    not (FUSED and shutil.which("qemu-aarch64")), reason="needs qemu-aarch64, and this processor an fma"
+)
+@pytest.mark.parametrize("load", [Load(), sine((1, 2, 0.5), 0.7), sine((1, 2, 0.5), 0.7, frame="space")], ids=str)
+@pytest.mark.parametrize("body", BODIES)
+@pytest.mark.parametrize(("name", "order"), CASES)
+def test_aarch64_gives_the_same_bits(name, order, body, load, tmp_path):
+    """In QEMU: a program calls the kernel on an image of its memory, at an address that is free on both machines."""
+    if (name, body) == ("split", "suslov"):
+        pytest.skip("split has no axes that are not principal")
+    kernel, block, arrays = marched(INTEGRATORS[name](order=order), body, load)
+    (image, states), found = image_of(block, arrays), []
+    binding.initialize_all_targets()
+    binding.initialize_all_asmprinters()
+    (tmp_path / "harness.c").write_text(HARNESS.replace("PLACE", f"{AT}UL"), encoding="utf-8")
+    for kind, emulator in (("x86_64", []), ("aarch64", ["qemu-aarch64"])):
+        module, cpu = binding.parse_assembly(kernel.code()), "haswell" if kind == "x86_64" else "generic"
+        module.triple = f"{kind}-unknown-linux-gnu"
+        machine = binding.Target.from_triple(module.triple).create_target_machine(cpu=cpu, reloc="static")
+        module.data_layout = str(machine.target_data)
+        (tmp_path / "kernel.o").write_bytes(machine.emit_object(module))
+        (tmp_path / "image").write_bytes(image)
+        gcc = [f"{kind}-linux-gnu-gcc", "-static", "-no-pie", "harness.c", "kernel.o", "-lm", "-o", "harness"]
+        for command in (gcc, [*emulator, "./harness", "image", str(len(image))]):
+            subprocess.run(command, cwd=tmp_path, check=True)
+        found.append((tmp_path / "image").read_bytes()[states])
+    assert found[0] != image[states]  # the kernel has worked
+    assert found[0] == found[1]

@@ -9,15 +9,15 @@ import numpy as np
 import pytest
 
 import nontwist as nt
-from conftest import thinned
+from conftest import or_long
+from covering.problems import BODIES, made_load, schemes
 from nontwist.engine import marching
-from nontwist.integrators import EnergyMomentum, Gauss, gauss_newton
+from nontwist.integrators import EnergyMomentum, gauss_newton
 from nontwist.integrators.compiled import Compiled
 from nontwist.integrators.stack_march import StackMarch
 from nontwist.integrators.stepping import in_threads
 from nontwist.kernels import machine_code
 
-TILTED = [[3, 0.1, 0.2], [0.1, 4, 0.3], [0.2, 0.3, 5]]
 START = {"angular_velocity": (0.3, -0.2, 1.5), "t_end": 0.25, "step": 0.05, "project": True}
 STIFF = {**START, "t_end": 0.5, "step": 0.25}
 FAST = {**STIFF, "angular_velocity": (6, -4, 8)}
@@ -25,11 +25,6 @@ FAST = {**STIFF, "angular_velocity": (6, -4, 8)}
 
 def pushing(t, d, w):
     return (d[0][1] * 0.5, d[1][2] * w[0], -d[2][0])
-
-
-def loaded():
-    load = nt.sine((1, 2, 3), 0.7) + nt.sine((1, 0.2, 3), 0.7, frame="space") + nt.damping([0.1, 0.2, 0.3])
-    return load + nt.moment(pushing)
 
 
 def lagging(rate):
@@ -44,37 +39,25 @@ def lagging(rate):
     return nt.memory_load(derivative, moment, (0.3, 0.1), frame="body", compiled=True)
 
 
-FREE, HELD, TOP = nt.standard([3, 4, 5]), nt.nontwisting([3, 4, 5]), nt.heavy_top([3, 4, 5], 2.0, (0.1, 0, 0.5))
-SUSLOV, SLANTED = nt.suslov(TILTED, (0, 0, 1)), nt.suslov(TILTED, (1, 2, 3))
-DIRECTOR = {
-    "free": (FREE, None, {}),
-    "held": (HELD, None, {}),
-    "suslov": (SLANTED, loaded(), {}),
-    "top": (TOP, loaded(), {}),
-    "exact": (FREE, loaded(), {"moments": "exact"}),
-    "dissipation": (FREE, loaded(), {"dissipation": 0.5}),
-    "first order": (FREE, None, {"dissipation": 0.5, "order": 1}),
-}
-GAUSS = {
-    "steady": (HELD, None, START),
-    "free": (FREE, None, START),
-    "moved": (SUSLOV, nt.sine((1, 2, 3), 0.7), START),
-    "driven": (FREE, nt.sine((1, 2, 3), 0.7), START),
-    "heavy": (TOP, None, START),
-    "held and heavy": (nt.with_gravity(HELD, 2.0, (0, 0, 0.5)), None, START),
-    "all": (TOP, loaded(), START),
-    "slanted": (SLANTED, loaded(), START),
-    "memory": (FREE, lagging(2) + loaded(), START),
-}
-NEWTON = {  # whose fixed points do not contract
-    "large steps": (TOP, None, FAST),
-    "drag": (FREE, nt.damping([50, 200, 300]), STIFF),
-    "drag and a function": (FREE, nt.damping([50, 200, 300]) + loaded(), STIFF),
-    "memory held": (SUSLOV, lagging(300), STIFF),
-    "fast memory": (nt.standard(TILTED), lagging(300) + loaded(), STIFF),
-}
-CASES = {name: (body, load, START, EnergyMomentum(**options)) for name, (body, load, options) in DIRECTOR.items()}
-CASES |= {f"{name}, gauss {k}": (*case, Gauss(k)) for name, case in (GAUSS | NEWTON).items() for k in (2, 4)}
+DRAG, MOMENT = nt.damping([50, 200, 300]), made_load("moment")
+OWN = {"memory": lagging(2) + MOMENT, "drag": DRAG, "drag, moment": DRAG + MOMENT, "lag": lagging(300)}
+OWN["lag, moment"] = OWN["lag"] + MOMENT
+SCHEMES = schemes() | {"exact moments": EnergyMomentum(moments="exact")}
+CASES = [
+    ("energy-momentum 2", *pair) for pair in (("standard", "none"), ("nontwisting", "none"), ("suslov", "sum of all"))
+]
+CASES += [("energy-momentum 2", "heavy top", "moment"), ("exact moments", "standard", "sum of all")]
+CASES += [
+    ("energy-momentum 2 dissipative", "standard", "moment"),
+    ("energy-momentum 1 dissipative", "standard", "none"),
+]
+PAIRS = [("nontwisting", "none"), ("standard", "none"), ("suslov principal", "body sine"), ("standard", "body sine")]
+PAIRS += [("heavy top", "none"), ("heavy nontwisting", "none"), ("heavy top", "moment"), ("suslov", "sum of all")]
+NEWTON = [("heavy top", "none", FAST), ("standard", "drag", STIFF), ("standard", "drag, moment", STIFF)]
+NEWTON += [("suslov principal", "lag", STIFF), ("standard", "lag, moment", STIFF)]  # fixed points do not contract
+CASES = [(*case, START) for case in CASES]
+CASES += [(f"gauss {k}", *pair, START) for pair in [*PAIRS, ("standard", "memory")] for k in (2, 4)]
+CASES += [(f"gauss {k}", *case) for case in NEWTON for k in (2, 4)]
 
 
 @pytest.fixture
@@ -98,18 +81,17 @@ def on_floats(monkeypatch):
 
 
 @pytest.mark.filterwarnings("ignore:(damping slows|the step is coarse|internal states of the load decay):UserWarning")
-@pytest.mark.parametrize("case", thinned(3, CASES))
-def test_texts_on_floats_have_the_bits_of_their_kernels(case, request, monkeypatch):
+@pytest.mark.parametrize(("scheme", "body", "load", "how"), or_long(CASES[::3], CASES[1::3] + CASES[2::3]))
+def test_texts_on_floats_have_the_bits_of_their_kernels(scheme, body, load, how, request, monkeypatch):
     """Where `gauss` needs Newton's iteration as well."""
-    body, load, start, scheme = CASES[case]
-    about = {**start, "load": load or nt.Load(), "integrator": scheme}
+    body, about = BODIES[body](1.0), how | {"load": OWN.get(load) or made_load(load), "integrator": SCHEMES[scheme]}
     machine = nt.simulate(body, **about)
     solved, own = [], gauss_newton.newton
     monkeypatch.setattr(gauss_newton, "newton", lambda *args: solved.append(1) or own(*args))
     count = request.getfixturevalue("on_floats")
     floats = nt.simulate(body, **about)
     assert count
-    assert bool(solved) == (case.partition(",")[0] in NEWTON)
+    assert bool(solved) == (how is not START)
     for name in machine.data_vars:
         assert np.array_equal(machine[name].values, floats[name].values, equal_nan=True), name
 
@@ -126,13 +108,13 @@ def test_values_and_functions_are_arguments():
         nt.simulate(nt.standard([3 + 0.1 * k, 4, 5]), load=load, **about)
         for functions in ([pushing], [other], [pushing, other]):
             load = sum((nt.moment(f, compiled=True) for f in functions), nt.Load())
-            assert abs(nt.simulate(HELD, load=load, **about).load_work).max() > 1e-7
+            assert abs(nt.simulate(nt.nontwisting([3, 4, 5]), load=load, **about).load_work).max() > 1e-7
         before = before or marching.march_kernel.cache_info().currsize
         assert marching.march_kernel.cache_info().currsize == before
 
 
 @pytest.mark.parametrize("threads", [1, 3])
-def test_blocks_make_a_span_and_the_first_exception_cancels_those_that_have_not_begun(threads, monkeypatch):
+def test_blocks_make_a_span_and_the_first_exception_cancels_those_that_have_not_begun(threads):
     begun, reported = [], []
 
     def task(first, last):

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from nontwist import drifts, gravity_gradient, sensitivities, simulate, simulate_ensemble, standard
+from nontwist import gravity_gradient, sensitivities, simulate, simulate_ensemble, standard
 from nontwist.loads.potentials import on_orbit
 from nontwist.runfile import read_run_file
 
@@ -63,15 +63,6 @@ def test_forced_libration():
     assert abs(swing - forced * np.sin(t)).max() < 20 * small**2
 
 
-def test_what_is_kept():
-    circle, ellipse = gravity_gradient(0.7), gravity_gradient(0.7, eccentricity=0.2)
-    runs = [simulate(HYPERION, t_end=10, step=0.1, load=load, **TUMBLING) for load in (circle, ellipse)]
-    assert set(drifts(runs[1])) == {"orthonormality"}
-    assert drifts(runs[0])["jacobi_integral"].relative < 1e-13
-    integral = runs[1].kinetic_energy + runs[1].potential_energy - 0.7 * runs[1].spatial_momentum.sel(axis="z")
-    assert np.ptp(integral.values) > 1e-2
-
-
 def test_perigee_is_when_and_where_it_is_said_to_be():
     later = gravity_gradient(0.7, (0, 1, 0), (1, 0, 0), 0.3, eccentricity=0.4)
     named = gravity_gradient(0.7, (0, 1, 0), (1, 0, 0), eccentricity=0.4, perigee_time=0.3)
@@ -99,18 +90,18 @@ def test_derivatives_on_an_ellipse(scheme):
         sensitivities(HYPERION, load=gravity_gradient(n), wrt=["eccentricity"], **how)
 
 
-def test_members_of_an_ensemble_and_run_files_are_the_run(tmp_path):
-    W, body = (0.1, 0, 1.2), standard([1, 2, 6], physical=False)
-    how = {"t_end": 2, "step": 0.05, "load": gravity_gradient(1.0, eccentricity=0.4)}
+FILE = """
+body = { kind = "standard", inertia = [1.0, 2.0, 6.0], physical = false }
+start.angular_velocity = { body = [0.1, 0.0, 1.2] }
+time = { t_end = 2.0, step = 0.05 }
+load = [{ kind = "gravity_gradient", mean_motion = 1.0, eccentricity = 0.4 }]
+"""
+
+
+def test_members_of_an_ensemble_and_run_files_are_the_run(write):
+    W, how = (0.1, 0, 1.2), {"t_end": 2, "step": 0.05, "load": gravity_gradient(1.0, eccentricity=0.4)}
+    body = standard([1, 2, 6], physical=False)
     run = simulate(body, material_angular_velocity=W, **how)
     many = simulate_ensemble(body, material_angular_velocity=[W, W], **how)
     assert abs(many.quaternion.values[1, -1] @ run.quaternion.values[-1]) == pytest.approx(1, abs=1e-13)
-    path = tmp_path / "orbit.toml"
-    path.write_text(
-        'body = { kind = "standard", inertia = [1.0, 2.0, 6.0], physical = false }\n'
-        "start.angular_velocity = { body = [0.1, 0.0, 1.2] }\n"
-        "time = { t_end = 2.0, step = 0.05 }\n"
-        'load = [{ kind = "gravity_gradient", mean_motion = 1.0, eccentricity = 0.4 }]\n',
-        encoding="utf-8",
-    )
-    assert np.array_equal(simulate(read_run_file(path).problem).directors.values, run.directors.values)
+    assert np.array_equal(simulate(read_run_file(write(FILE)).problem).directors.values, run.directors.values)

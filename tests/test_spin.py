@@ -1,7 +1,5 @@
 """Bodies with a prescribed spin about the constrained axis."""
 
-import json
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -177,13 +175,6 @@ test_refusals = refused_as(
         lambda: nt.simulate(SPUN, t_end=1, step=0.1, integrator=Continuous(form="director")),
     ]
 )
-
-
-def test_a_body_with_a_spin_as_json():
-    body = nt.nontwisting([3, 4, 5], spin=TABLE)
-    assert nt.DirectorSystem.from_json(body.to_json()).spin.is_like(body.spin)
-    assert "spin" not in json.loads(nt.nontwisting([3, 4, 5]).to_json())
-    assert nt.with_gravity(body, 1, (0, 0, 0.1)).spin.is_like(body.spin)
 
 
 @pytest.mark.filterwarnings("ignore:damping slows")

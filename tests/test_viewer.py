@@ -114,10 +114,10 @@ def test_recordings_are_shown_as_runs_are(case3):
         assert page["name"] == "recorded motion"
         for key in ("attitude", "twist", "swing", "area", "time"):
             assert numbers(page[key]) == pytest.approx(numbers(shown[key]), abs=1e-6), key
-        assert [each["title"] for each in page["panels"]] == ["Twist", "Solid angle of the path"]
-    tilted = nt.twist(turns, run.time.values, axis=[1, 2, 2])
-    q = numbers(content(tilted)["attitude"]).reshape(-1, 4)
-    assert Rotation.from_quat(q).as_matrix()[:, :, 2] == pytest.approx(turns.apply([1 / 3, 2 / 3, 2 / 3]), abs=1e-6)
+    assert [each["title"] for each in page["panels"]] == ["Twist", "Solid angle of the path"]
+    tilted = content(nt.twist(turns, run.time.values, axis=[1, 2, 2]))
+    n = Rotation.from_quat(numbers(tilted["attitude"]).reshape(-1, 4)).apply([0, 0, 1])
+    assert n == pytest.approx(turns.apply([1 / 3, 2 / 3, 2 / 3]), abs=1e-6)
 
 
 def test_the_page_says_what_it_shows(free):
@@ -413,15 +413,13 @@ def test_keys_and_drags(case3, visit):
     page.mouse.move(x + 160, y)
     assert pictures(page) == turned
     press("r")
-    assert pictures(page) == before
     page.focus("canvas")
+    assert pictures(page) == before
     press("ArrowUp")
-    assert pictures(page) != before
-    assert clock(page) == 0
+    assert (pictures(page) == before, clock(page)) == (False, 0)
     box = page.locator(".plots").last.bounding_box()
     page.mouse.click(box["x"] + 58 + 0.3 * (box["width"] - 72), box["y"] + 90)
-    assert clock(page) == pytest.approx(1.5, abs=0.02)
-    assert lines(page) == pytest.approx([0.3, 0.3], abs=0.01)
+    assert [clock(page) / 5, *lines(page)] == pytest.approx([0.3] * 3, abs=0.005)
     page.evaluate("document.activeElement.blur()")
     for key, time in (("End", 5), ("Home", 0), ("ArrowRight", 0.05), ("Shift+ArrowRight", 0.55), ("ArrowLeft", 0.5)):
         press(key)
@@ -431,14 +429,14 @@ def test_keys_and_drags(case3, visit):
         press(key)
         speeds.append(page.evaluate(speed))
     assert speeds[1] > speeds[0] == speeds[2]
-    plays(page, lambda: press("Space"), lambda: press("Space"))
+    plays(page, *[lambda: press("Space")] * 2)
     press("End")
     press("Space")  # plays from the start again
     until(page, lambda: clock(page) < 4)
     page.focus("#theme")
     press("Space")
-    assert page.get_attribute("#theme", "aria-pressed") == "true"
-    assert page.get_attribute("#play", "aria-label") == "Pause"
+    pressed = page.get_attribute("#theme", "aria-pressed"), page.get_attribute("#play", "aria-label")
+    assert pressed == ("true", "Pause")
 
 
 @pytest.mark.long

@@ -135,7 +135,4 @@ def long_runs() -> Iterator[Check]:
         yield error(title, balance / abs(energy(run)).max(), 1e-12, SOURCE, "invariant")
 
 
-CHECKS = {
-    "orders": (orders, resampling),
-    "nonreversible": (against_dop853, long_runs),
-}
+CHECKS = {"orders": (orders, resampling), "nonreversible": (against_dop853, long_runs)}

@@ -309,19 +309,7 @@ def in_python(t, d, w, m):
 class OfNumba:
     """What `numba.cfunc` makes of a function, as far as a load looks at it."""
 
-    native_name = "cfunc"
-
-    def __init__(self, function):
-        self.__name__, self._function = function.__name__, CALLED(function)
-
-    @property
-    def ctypes(self):
-        return self._function
-
-
-@OfNumba
-def in_numba(t, d, w, m):
-    in_python(t, d, w, m)
+    native_name, __name__, ctypes = "cfunc", "in_python", CALLED(in_python)
 
 
 class OfComplexNumbers(OfNumba):
@@ -350,7 +338,7 @@ MADE = {
     "ctypes, by its address": lambda function: CALLED(ctypes.cast(function, ctypes.c_void_p).value),
     "LowLevelCallable": LowLevelCallable,
     "LowLevelCallable, const": lambda function: LowLevelCallable(function, signature=CONST),
-    "numba.cfunc": lambda function: in_numba,
+    "numba.cfunc": lambda function: OfNumba(),
     "ctypes, of Python": lambda function: CALLED(in_python),
 }
 
@@ -376,7 +364,7 @@ def test_a_c_function_is_a_value_that_cannot_be_pickled(from_c):
     load = moment(from_c)
     assert load == moment(from_c)
     assert hash(load) == hash(moment(from_c))
-    assert load not in (moment(in_numba), 2 * load, compiled_load(swing))
+    assert load not in (moment(OfNumba()), 2 * load, compiled_load(swing))
     assert repr(load) == "<Load: function C.swing>"
     run = simulate(BODIES["standard"](), load=load, **HOW)
     assert run.attrs["load"] == '[{"kind": "state", "scale": 1.0, "function": "C.swing"}]'
@@ -388,9 +376,9 @@ test_refused_with_the_right_signature = refused_as(
     {
         "not declared": lambda: moment(ctypes.CDLL(None).abs),
         "of one number": lambda: moment(ctypes.CFUNCTYPE(ctypes.c_double, ctypes.c_double)(abs)),
-        "complex": lambda: moment(OfComplexNumbers(abs)),
-        "user data": lambda: moment(LowLevelCallable(in_numba.ctypes, ctypes.c_void_p(1))),
+        "complex": lambda: moment(OfComplexNumbers()),
+        "user data": lambda: moment(LowLevelCallable(OfNumba.ctypes, ctypes.c_void_p(1))),
         "null": lambda: moment(CALLED(0)),
-        "of time": lambda: body_moment(in_numba),
+        "of time": lambda: body_moment(OfNumba()),
     }
 )

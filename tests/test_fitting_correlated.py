@@ -4,10 +4,12 @@ import warnings
 
 import numpy as np
 import pytest
+from scipy.special import stdtrit
 
 from fit_errors import recorded, whole
 from nontwist import damping, heavy_top, integrate, standard
 from nontwist.fitting import reports, telling
+from nontwist.fitting.solving import smeared
 
 MOMENTS = np.array([1.0, 1.6, 2.1])
 
@@ -44,6 +46,7 @@ def covered(count):
 
 
 def test_intervals_allow_for_correlated_residuals():
+    assert smeared(np.eye(5)[1], 0.5).tolist() == [0.5, 1, 0.5, 0.25, 0.125]
     ours, white = covered(6)
     assert ours >= 0.86
     assert white < 0.45
@@ -60,6 +63,7 @@ def test_slow_noise_is_called_correlated_and_no_misfit(n, part):
     (fit,) = fits(1, n, part)
     assert fit.is_explained
     assert not fit.is_white
+    assert telling.quantile(fit.solution) == stdtrit(fit.solution.effective_samples - 12, 0.975)  # of J, W, bias, scale
     (said,) = fit.warnings
     assert said.startswith("the residuals are not white")
 

@@ -377,6 +377,7 @@ def rubbed():
 
 
 BETWEEN = {  # what is recorded and acts, the inertia, when the free motion begins and ends
+    "rotor": (lambda: thrown()[:3], {"rotor": AXLE}, SAT, (1, 2)),
     "file": (thrown, {"rotor": AXLE | {"speed": "wheel (rad/s)"}}, SAT, (1, 2)),
     "pivot": (lambda: thrown(pivot=True)[:2], {"gravity": GRAVITIES["centre"]}, J, (1, 3)),
     "friction": (rubbed, {"damping": "one"}, J / np.trace(J), (0.5, 2)),

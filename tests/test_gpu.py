@@ -25,6 +25,7 @@ from nontwist.kernels import gpu, machine_code
 from nontwist.kernels.elements import LITERALS
 from nontwist.kernels.kernel import Kernel
 from refusals import refused, says
+from test_contract import fading, remembered
 
 PTXAS = shutil.which("ptxas")
 INDICES = "ctaid", "ntid", "tid"
@@ -161,17 +162,9 @@ def switching(t, d, w):
     return np.interp(t, [0, 1, 2.5, 3], [0.1, 0.5, -0.3, 0.2]) * np.sin(d[0, 1]), np.exp(-w[0] * w[0]), np.cos(3 * w[1])
 
 
-def own_rate(t, z, d, w):
-    return w[0] - 0.5 * z[0], d[0, 1] - 0.3 * z[1]
-
-
-def own_moment(t, z, d, w):
-    return -z[0], -z[1], 0.1 * z[0]
-
-
 MORE = {
     "functions of C": lambda: nt.moment(switching, compiled=True) + 0.5 * nt.moment(of_state, compiled=True),
-    "memory": lambda: nt.memory_load(own_rate, own_moment, [0.1, 0.2], compiled=True),
+    "memory": lambda: nt.memory_load(fading, remembered, [0.1, 0.2], compiled=True),
     "ellipse and potential": lambda: (
         nt.gravity_gradient(0.6, (1, 1, 0), (0, 0, 1), 0.2, eccentricity=0.3) + LOADS["compiled potential"][0]()
     ),

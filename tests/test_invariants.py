@@ -23,6 +23,7 @@ CASES = {
     "vectors along a line": (BODIES["standard"], ALONG_A_LINE, {"total_energy", "vertical_momentum"}),
     "pushed": (BODIES["standard"], PULSE, {"energy_balance"}),
     "heavy and pushed": (BODIES["heavy_top"], PULSE, {"energy_balance"}),
+    "pushed on an orbit": (BODIES["standard"], nt.gravity_gradient(0.8) + PULSE, set()),
 }
 
 

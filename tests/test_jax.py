@@ -5,53 +5,25 @@ import sys
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 
 import nontwist as nt
 from nontwist.inertia import euler_inertia
 from nontwist.jax import function
 from refusals import refused_as, says
+from test_derivatives import DEAD, LOADED, NUMBERS, W0, J, loaded
+from test_derivatives import R0 as TURN
 
 jax = pytest.importorskip("jax")
 jnp = jax.numpy
 jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_disable_most_optimizations", True)  # what JAX compiles here is small
 
-J = np.array([[3, 0.1, -0.2], [0.1, 4, 0.15], [-0.2, 0.15, 5]])
-W0, R0 = np.array([0.4, -1.1, 0.7]), Rotation.from_rotvec([0.3, -0.5, 0.9]).as_matrix()
-DEAD = np.array([[0.3, -1, 2], [0.5, 0.2, -1.5], [1, 1, -0.6]])
-C = np.array([[0.3, 0.05, 0], [0.02, 0.2, -0.03], [0, 0.01, 0.4]])
-TIMES = np.linspace(0, 1, 6)
+R0, PEAK = TURN.as_matrix(), NUMBERS["load[1].sine"]
 RANDOM = np.random.default_rng(7)
-VALUES, PEAK, WHEEL = RANDOM.normal(size=(6, 3)), np.array([0.6, -0.3, 0.8]), np.array([2, -2, 1]) / 3
 WEIGHTS = {"rotation": RANDOM.normal(size=(3, 3, 3)), "material_angular_velocity": RANDOM.normal(size=(3, 3))}
 GRID = {"t_end": 1.0, "step": 0.25, "store": 2}
-ALL = {
-    "material_angular_velocity": W0,
-    "rotation": R0,
-    "inertia": J,
-    "dead_force": DEAD,
-    "load_scale": 0.9,
-    "duration": 1.1,
-    "load[0].values": VALUES,
-    "sine": PEAK,
-    "frequency": 0.7,
-    "phase": 0.2,
-    "load[1].scale": 1.3,
-    "damping": C,
-    "rotor": WHEEL,
-    "load[3].values": np.array([0.5]),
-}
-
-
-def load_of(p):
-    """The load of all kinds, with the numbers of `p`."""
-    return (
-        nt.body_moment(TIMES, p["load[0].values"])
-        + p["load[1].scale"] * nt.sine(p["sine"], p["frequency"], phase=p["phase"], frame="space")
-        + nt.damping(p["damping"])
-        + nt.rotor(p["rotor"], p["load[3].values"][0])
-    )
+ALL = {name: NUMBERS[name] for name in LOADED} | {"load_scale": 0.9, "duration": 1.1}
+ALL |= {"material_angular_velocity": W0, "rotation": R0, "inertia": J, "dead_force": DEAD}
 
 
 @jax.jit
@@ -68,16 +40,17 @@ def hat(d):
 @pytest.fixture(scope="module")
 def everything():
     """The function of all parameters, of a body and a load with other numbers."""
-    other = ALL | {"load[0].values": 0 * VALUES, "sine": PEAK[::-1], "frequency": 0.5, "damping": np.eye(3)}
+    other = NUMBERS | {"load[0].values": np.zeros((5, 3)), "load[1].sine": PEAK[::-1], "load[1].frequency": 0.5}
+    other |= {"load[1].phase": 0.0, "load[2].damping": np.eye(3), "load[3].rotor": [0, 0, 1]}
     system = nt.DirectorSystem(np.eye(3), None, np.zeros((3, 3)))
-    return function(system, load=load_of(other | {"rotor": [0, 0, 1], "phase": 0.0}), order=4, **GRID)
+    return function(system, load=loaded("all", other), order=4, **GRID)
 
 
 @pytest.mark.filterwarnings("ignore:.*(breakpoint|table of the load)")
 def test_values_are_those_of_a_run_with_these_numbers(everything):
     found = everything(ALL)
     how = {"order": 4, "t_end": 1.1, "step": 0.275, "store": 2, "rotation": R0, "material_angular_velocity": W0}
-    run = nt.integrate(nt.DirectorSystem(euler_inertia(J), None, DEAD), load=0.9 * load_of(ALL), **how)
+    run = nt.integrate(nt.DirectorSystem(euler_inertia(J), None, DEAD), load=loaded("all", NUMBERS | ALL), **how)
     np.testing.assert_allclose(found["rotation"], run.rotation.as_matrix(), atol=1e-14)
     np.testing.assert_allclose(found["material_angular_velocity"], run.material_angular_velocity, atol=1e-14)
 

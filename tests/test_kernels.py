@@ -15,15 +15,12 @@ from nontwist.errors import SimulationError, Status
 from nontwist.geometry import rotations
 from nontwist.integrators import INTEGRATORS, Gauss, stack_march
 from nontwist.validation.compiled_steps import ReferenceEnergyMomentum, ReferenceLieMidpoint, random_load
+from nontwist.validation.orders import swing
 from nontwist.validation.problems import random_body, random_kinds, random_start
 from refusals import says
 
 EPS = np.finfo(float).eps
 KINDS = random_kinds()
-
-
-def swing(t, d, w):
-    return np.array([2 * d[2, 1], -2 * d[2, 0], np.sin(t)]) - 0.1 * w
 
 
 def also(t, d, w):

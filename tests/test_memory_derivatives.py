@@ -7,6 +7,7 @@ import pytest
 
 import nontwist as nt
 from conftest import or_long
+from test_contract import fading, remembered
 from test_derivatives import require_tangents, require_transpose
 from test_wheels import BODIES, W0, J, drag, spin_up
 
@@ -23,14 +24,6 @@ NUMBERS = {
 
 def halting(speed):
     return 0.3 * speed if abs(speed) < 1 else 0.3 * speed / abs(speed)
-
-
-def fading(t, z, directors, w):
-    return np.array([0.5 * w[0] - z[0] + 0.1 * np.sin(t), 0.3 * directors[2, 0] - 0.2 * z[1] * z[0]])
-
-
-def pulling(t, z, directors, w):
-    return np.array([-0.2 * z[0], 0.1 * z[0] * w[2], 0.3 * z[1]])
 
 
 def branching(t, z, directors, w):
@@ -50,7 +43,7 @@ def loaded(beside="wheels", p=NUMBERS):
     if beside == "memory in space":
         others = nt.damping(0.1) + nt.sine((0.1, 0.2, 0.3), 0.4, frame="space") + nt.rotor("y", 0.7)
         table = nt.body_moment([0, 3], [[0, 0, 0], [0.3, 0.1, 0.2]])
-        return own + 2 * nt.memory_load(fading, pulling, [0.3, 0.1], scale=[1, 1], compiled=True) + others + table
+        return own + 2 * nt.memory_load(fading, remembered, [0.3, 0.1], scale=[1, 1], compiled=True) + others + table
     return 0.5 * (own + nt.memory_load(branching, holding, [0.3], scale=[1], frame="body"))
 
 

@@ -7,21 +7,13 @@ import numpy as np
 import pytest
 
 from conftest import BODIES, PAPER_J, compiled_load
-from nontwist import body_moment, integrate, nontwisting, pulse, space_moment, standard, suslov, with_gravity
-from nontwist.integrators import INTEGRATORS, Continuous, EnergyMomentum, LieMidpoint
+from nontwist import integrate, nontwisting, pulse, standard, suslov, with_gravity
+from nontwist.integrators import INTEGRATORS, EnergyMomentum, LieMidpoint
+from nontwist.validation.orders import swing
+from nontwist.validation.problems import SHARP, pushed
 
 TILTED = [[3, 0.2, 0.4], [0.2, 4, -0.3], [0.4, -0.3, 5]]
-
-
-def push(t):
-    return 3 * np.sin(3 * t), 1 - t, 0.3
-
-
-def swing(t, d, w):
-    return np.array([2 * d[2, 1], -2 * d[2, 0], np.sin(t)]) - 0.1 * w
-
-
-BOTH, STATE = body_moment(push) + space_moment(push), compiled_load(swing)
+BOTH, STATE = pushed("body") + pushed("space"), compiled_load(swing)
 HELD = with_gravity(suslov(np.diag([3.0, 4, 5]), [1, 0, 0]), 0.5, [0.1, 0.2, 0.3])
 PROBLEMS = {
     "non-twisting": (nontwisting(PAPER_J), [1, -2, 0], BOTH),
@@ -34,12 +26,7 @@ PROBLEMS = {
     "free Suslov, tilted axis": (suslov(TILTED, [0.3, 0.2, 1]), [2, -4, 0], None),
     "Suslov": (suslov(TILTED, [0.3, 0.2, 1]), [1, -2, 0], BOTH + STATE),
 }
-SCHEMES = [
-    kind(order=order)
-    for kind in INTEGRATORS.values()
-    for order in kind.orders
-    if order < 8  # test_gauss: of all orders
-]
+SCHEMES = [kind(order=k) for kind in INTEGRATORS.values() for k in kind.orders if k < 8]  # test_gauss: of all orders
 DISSIPATIVE = [kind(order, dissipation=0.7) for kind in (LieMidpoint, EnergyMomentum) for order in (1, 2)]
 
 
@@ -57,7 +44,7 @@ def cases():
 def exact(problem):
     body, w, load = PROBLEMS[problem]
     how = {"t_end": 2, "angular_velocity": w, "project": True, "load": load, "store": "end"}
-    return body, how, integrate(body, step=0.5, integrator=Continuous(rtol=3e-14, atol=1e-15), **how)
+    return body, how, integrate(body, step=0.5, integrator=SHARP, **how)
 
 
 def velocity(run):

@@ -188,11 +188,8 @@ def test_errors_of_an_alignment_are_said_to_be_left_out(tmp_path):
 
 
 def test_the_result_of_a_twist_is_shown_and_not_twisted_again(tmp_path):
-    found = []
-    for axis in ("-y", "-Y"):
-        command(tmp_path, written(tmp_path / "a.csv", tilted(0.1, 1.0), T), f"--axis={axis}")
-        found.append(open_run(tmp_path / "o.nc").load())
-    assert found[0].identical(found[1])
+    command(tmp_path, written(tmp_path / "a.csv", tilted(0.1, 1.0), T), "--axis=-Y")
+    assert open_run(tmp_path / "o.nc").attrs["axis"] == pytest.approx([0, -1, 0])
     said(ended(3, "twist", tmp_path / "o.nc", "--out", tmp_path / "p").stderr)
     ended(0, "info", tmp_path / "o.nc")
     ended(0, "view", tmp_path / "o.nc", "--no-open", "--out", tmp_path / "o.html")

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from many_digits import exact, mp_cross, mp_dot
 from nontwist import twist
 from nontwist.curves import frame_error_estimate, nontwisting_frame, solid_angle
-from nontwist.recordings.twist_noise import noise_level, rounding
+from nontwist.recordings.twist_noise import noise_level, noise_of_rounding, rounding
 
 
 def axis_path(rng):
@@ -196,3 +196,5 @@ def test_units_of_rounding_are_from_a_millionth_to_a_tenth(unit, is_one):
         assert rounding(given) == pytest.approx(is_one * unit / math.sqrt(squares), rel=1e-6)
         given[10] += 1.5e-3 * unit
         assert rounding(values) == rounding(given) == rounding(given[:11]) == 0
+    still = noise_of_rounding(np.tile([0.0, 0, 1], (9, 1)), motion.as_quat()[:9], 0.1)
+    assert still == pytest.approx([0, *[math.sqrt(0.02)] * 8])  # of the ends alone

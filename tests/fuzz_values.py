@@ -190,10 +190,6 @@ def sampled(r):
     return turn if r.random() < 0.5 else turn.as_matrix()
 
 
-def spinning(d):
-    return -d[1], d[0], 0.0
-
-
 def across(r):
     """A vector that is tangent at the director of the axis."""
     body, v = r.given["system"], r.normal(size=3)
@@ -201,29 +197,9 @@ def across(r):
     return v - (d @ v)[..., None] * d
 
 
-def circling(t):
-    return 0.6 * np.cos(t), 0.6 * np.sin(t), 0.8
-
-
 def spring(t, directors, angular_velocity):
     x, y, _ = directors[2]
     return 2 * y, -2 * x, 0.0
-
-
-def fading(t, z, directors, angular_velocity):
-    return -z
-
-
-def remembered(t, z, directors, angular_velocity):
-    return z[0], -z[1], 0.0
-
-
-def steady(t):
-    return 0.1, 0.2, 0.0
-
-
-def pulling(t, directors, angular_velocity):
-    return np.outer((0.1, 0.2, 0.3), directors[2])
 
 
 def bowl(gamma):
@@ -334,7 +310,7 @@ VALUES = {
     "T": lambda r: np.diag(r.uniform(1, 2) * np.array([1, 1, 2])),
     **same("split_tensor.d split_tensor.d_tilde", one_of((0.0, 0.0, 1.0))),
     "covariant_derivative_of_field.step": number(0.001, 0.05),
-    "covariant_derivative_of_field.field": one_of(spinning),
+    "covariant_derivative_of_field.field": one_of(lambda d: (-d[1], d[0], 0.0)),
     "momentum_perp": across,
     **same("momentum_par gravity_gradient.start", number(-1, 1)),
     "split_form.energy.angular_velocity": lambda r: r.normal(size=3),
@@ -367,8 +343,8 @@ VALUES = {
     "discrete_second_quotient.times": lambda r: r.given["step"] * r.integers(0, 9, N),
     "times": times,
     "covariant_derivative.time": one_of(TIMES),
-    **same("body_moment.times space_moment.times", one_of(TIMES, TIMES, steady)),
-    "director_forces.times": one_of(TIMES, TIMES, pulling),
+    **same("body_moment.times space_moment.times", one_of(TIMES, TIMES, lambda t: (0.1, 0.2, 0.0))),
+    "director_forces.times": one_of(TIMES, TIMES, lambda t, d, w: np.outer((0.1, 0.2, 0.3), d[2])),
     "director_forces.values": at_times(3, 3),
     "potential.vectors": lambda r: r.normal(size=3 if r.random() < 0.5 else (2, 3)),
     "potential.function": lambda r: bowl if by_function(r) else None,
@@ -418,15 +394,15 @@ VALUES = {
     **same("simulate_ensemble.start lyapunov_ensemble.start", lambda r: ensemble() if r.random() < 0.3 else None),
     "rotation": unless_started(made(turned, directed)),
     "start": lambda r: (run(), trajectory())[r.integers(2)] if r.random() < 0.3 else None,
-    "frame_along.function": one_of(circling),
+    "frame_along.function": one_of(lambda t: (0.6 * np.cos(t), 0.6 * np.sin(t), 0.8)),
     "moment.function": one_of(spring),
     "wheel.inertia": number(0.01, 0.05),
     "wheel.torque": lambda r: (None, 0.2, (TIMES, r.normal(size=N)))[r.integers(3)],
     "wheel.coulomb": one_of(0.0, 0.0, 0.05),
     "wheel.friction": one_of(None, np.arctan),
     "wheel_torque": one_of((), []),
-    "memory_load.derivative": one_of(fading),
-    "memory_load.moment": one_of(remembered),
+    "memory_load.derivative": one_of(lambda t, z, directors, angular_velocity: -z),
+    "memory_load.moment": one_of(lambda t, z, directors, angular_velocity: (z[0], -z[1], 0.0)),
     "memory_load.state0": lambda r: r.normal(size=2),
     "compiled": lambda r: bool(r.random() < 0.02),
     "order": one_of(2, 4),

@@ -13,18 +13,8 @@ import xarray
 ENDLESS = []
 ENDLESS.append(ENDLESS)
 EXTREME = (np.nan, np.inf, -np.inf, 1e308, -1e308, 1e200, 1e101, 1e-101, 1e-200, 5e-324, -0.0, 0.0, -1.0)
-NUMBERS = (
-    True,
-    -1,
-    2**70,
-    10**400,
-    10**5000,
-    1j,
-    np.float16(1),
-    np.longdouble("1e4000"),
-    Fraction(1, 3),
-    Decimal("sNaN"),
-)
+WHOLE = (True, -1, 2**70, 10**400, 10**5000)
+NUMBERS = (*WHOLE, 1j, np.float16(1), np.longdouble("1e4000"), Fraction(1, 3), Decimal("sNaN"))
 NOTHING = ("", (), [], {}, set(), np.empty(0), np.empty((0, 3)), np.zeros((2, 0, 3)), xarray.Dataset())
 TEXTS = ("x", "\0", "'; DROP", "é" * 300, b"x", ["x", "y", "z"], np.array(["a", "b", "c"]))
 LISTS = ([[1], [1, 2]], [None, 1.0], ENDLESS, (1j, 2, 3), np.array([1, None, "x"], dtype=object))

@@ -1,6 +1,5 @@
 """`run`, `check`, `precision`, `example`, `schema`: what they print and where, what they write, how they end."""
 
-import itertools
 import json
 import os
 import re
@@ -8,6 +7,7 @@ import shlex
 import signal
 import subprocess
 import sys
+from itertools import cycle, product
 from pathlib import Path
 
 import numpy as np
@@ -288,8 +288,8 @@ OUTPUTS = ("step=", "store=3", "times={ every = 0.05 }")
 def test_every_integrator_tells_what_it_will_do_and_has_done_with_every_output(here, example):
     ended(0, "example", example)
     file, result = f"{example}.toml", f"{example}.nc"
-    every = itertools.product(INTEGRATORS.items(), OUTPUTS)
-    for (name, scheme), output in itertools.islice(every, None, None, 1 + (example == "case1")):
+    schemes, quick = INTEGRATORS.items(), example == "case1"
+    for (name, scheme), output in zip(schemes, cycle(OUTPUTS), strict=False) if quick else product(schemes, OUTPUTS):
         step = "" if scheme.any_times and "times" in output else 0.01
         how = [f'integrator={{ name = "{name}" }}', "sweep=", "time.t_end=0.1", f"time.step={step}", f"time.{output}"]
         sets = [word for one in [*how, *["time.store="] * ("times" in output)] for word in ("--set", one)]

@@ -208,11 +208,9 @@ ORBIT = 'load = [{ kind = "gravity_gradient", mean_motion = 5.0 }]\n[sweep]\nvar
 
 AGAIN = [
     *(FREE, HELD, FREE.replace("[sweep]", ORBIT)),
-    turned("body", 'euler = [20.0], sequence = "X", unit = "degrees"'),
     turned("space", 'euler = [20.0, 35.0, 70.0], sequence = "ZYX", unit = "degrees"', "start.rotation.euler.0"),
     turned("body", 'vector = [0.35, 0.2, 0.1], unit = "radians"', "start.rotation.vector.1"),
     turned("space", 'quaternion = [0.1, 0.5, -0.1, -0.8544003745317531], order = "xyzw"'),
-    turned("body", "matrix = [[0.36, 0.48, -0.8], [-0.8, 0.6, 0.0], [0.48, 0.64, 0.6]]"),
 ]
 
 

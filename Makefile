@@ -63,8 +63,9 @@ docs: .venv/all
 constraints:
 	rm -rf .venv
 	$(PYTHON) -m venv .venv
+	$(PIP) install --upgrade pip
 	$(PIP) install -e ".[all,bench]"
-	$(BIN)/python -m pip --disable-pip-version-check list --format=freeze --exclude-editable --exclude pip --exclude setuptools > constraints.txt
+	$(BIN)/python -m pip --disable-pip-version-check list --format=freeze --exclude-editable --exclude setuptools > constraints.txt
 	touch .venv/core .venv/all .venv/bench
 
 dist: .venv/all
@@ -84,6 +85,7 @@ clean:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
 		{ echo "nontwist needs Python 3.11 or newer; try: make $(MAKECMDGOALS) PYTHON=python3.12" >&2; exit 1; }
 	$(PYTHON) -m venv .venv
+	$(INSTALL) --upgrade pip # which resolves in half the time of the one that comes with Python 3.11
 
 .venv/core: .venv/bin/python pyproject.toml constraints.txt
 	$(INSTALL) -e .

@@ -1,25 +1,11 @@
 """The documentation: `make docs`. Pages are MyST Markdown, tutorials run when they are built, nothing is fetched."""
 
-import os
 import sys
-import tempfile
-from functools import partialmethod
 from pathlib import Path
-
-from jupyter_client.manager import KernelManager
 
 import nontwist
 
-EXTENSIONS = Path(__file__).parent / "_extensions"
-sys.path.insert(0, str(EXTENSIONS))
-os.environ["JUPYTER_PATH"] = str(EXTENSIONS / "jupyter")  # pages run in this very Python
-
-
-def with_own_sockets(manager, begin, *arguments, **options):
-    """Begin a kernel that is spoken to through files of its own: two that start at once may choose the same port."""
-    manager.sockets = tempfile.TemporaryDirectory(prefix="k")
-    begin(manager, *arguments, **{"transport": "ipc", "ip": f"{manager.sockets.name}/s", **options})
-
+sys.path.insert(0, str(Path(__file__).parent / "_extensions"))
 
 project = "nontwist"
 author = "The nontwist developers"
@@ -39,7 +25,7 @@ extensions = [
     "public_names",
     "command_line",
     "equation_numbers",
-    "quiet_cells",
+    "page_cells",
     "playground_page",
     "theory_pictures",
     "glossary_links",
@@ -65,12 +51,8 @@ html_domain_indices = False
 myst_enable_extensions = ["dollarmath", "colon_fence", "deflist"]
 myst_heading_anchors = 3
 nb_execution_mode = "force"
-nb_execution_raise_on_error = True
-nb_execution_timeout = 300
 nb_merge_streams = True
 suppress_warnings = ["config.cache"]  # blocks of code have a function among their settings
-if os.name == "posix":
-    KernelManager.__init__ = partialmethod(with_own_sockets, KernelManager.__init__)
 
 autosummary_generate = True
 autodoc_typehints = "none"

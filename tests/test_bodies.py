@@ -87,7 +87,7 @@ def test_bodies_are_equal_by_their_numbers_and_json_is_exact():
     body = nt.nontwisting([1, 2, 3], spin=([0, 1], [2, 3]))
     same = [nt.nontwisting([1, 2, 3], spin=([0, 1], [2, 3])), pickle.loads(pickle.dumps(body))]
     assert {body, *same, nt.DirectorSystem.from_json(body.to_json())} == {body}
-    assert nt.with_gravity(body, 1, (0, 0, 0.1)).spin.is_like(body.spin)
+    assert nt.with_gravity(body, 1, (0.1, 0, 0)).spin.is_like(body.spin)
     assert "spin" not in nt.nontwisting([3, 4, 5]).to_json()
     assert body not in (nt.nontwisting([1, 2, 3], spin=([0, 1], [2, 3.5])), nt.standard([1, 2, 3]))
 

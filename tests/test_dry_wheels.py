@@ -70,6 +70,8 @@ def test_skew_wheels_stand_and_slip_as_scipy_finds(rubs):
     assert run.wheel_work.values == pytest.approx(expected[:, 5:7], abs=1e-11)
     assert run.wheel_loss.values == pytest.approx(expected[:, 7 + n :], abs=1e-11)
     assert ((run.wheel_speed.values == 0) == (abs(expected[:, 3:5]) < 1e-12)).all()
+    impulse = np.diff(times)[:, None] * run.moment.values
+    assert np.diff(run.spatial_momentum.values, axis=0) == pytest.approx(impulse, abs=1e-12)
     if rubs:
         assert all(0 in k and {-1, 1} & set(k) for k in modes[:, :n].T)
         assert (run.sticking.values == (abs(expected[:, :3] @ about.T) < 1e-12).sum(axis=1)).all()

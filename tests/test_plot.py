@@ -290,6 +290,8 @@ def test_great_circle_is_where_a_free_body_stays(runs, two):
         return gap(run.directors.sel(director=3, time=times).values, *circle)
 
     assert leaves(runs[0], slice(None)) < np.radians(1)
+    sparse = path_of(plot.path(runs[0].isel(time=slice(None, None, 5)), **ABOVE))[:2]  # drawn between states as well
+    assert gap(runs[0].directors.sel(director=3).values, *sparse) < np.radians(2)
     assert leaves(two["non-twisting"], slice(0.5, None)) < np.radians(1)
     assert leaves(two["non-twisting"], slice(0, 0.3)) > 0.1
     assert leaves(two["standard"], slice(0.5, None)) > np.radians(4)

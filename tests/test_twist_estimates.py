@@ -198,3 +198,5 @@ def test_units_of_rounding_are_from_a_millionth_to_a_tenth(unit, is_one):
         assert rounding(values) == rounding(given) == rounding(given[:11]) == 0
     still = noise_of_rounding(np.tile([0.0, 0, 1], (9, 1)), motion.as_quat()[:9], 0.1)
     assert still == pytest.approx([0, *[math.sqrt(0.02)] * 8])  # of the ends alone
+    path, same = np.arange(9)[:, None] * [0.1, 0, 0] + [0, 0, 1], np.tile([0.6, 0, 0, 0.8], (9, 1))
+    assert noise_of_rounding(path, same, 0.1)[-1] == pytest.approx(0.1 * math.sqrt(0.7**2 + 2))  # errors that recur

@@ -74,15 +74,8 @@ class Globe:
     ) -> None:
         """Draw a vector from a point, with a name at its tip."""
         a, b = self.at(start), self.at(np.asarray(start) + along)
-        how = {
-            "arrowstyle": "-|>",
-            "color": colour,
-            "linewidth": width,
-            "shrinkA": 0,
-            "shrinkB": 0,
-            "mutation_scale": 9,
-        }
-        self.ax.annotate("", b, a, arrowprops=how, zorder=5)
+        how = {"color": colour, "linewidth": width, "shrinkA": 0, "shrinkB": 0, "mutation_scale": 9}
+        self.ax.annotate("", b, a, arrowprops={"arrowstyle": "-|>", **how}, zorder=5)
         if label:
             self.ax.text(*(a + beyond * (b - a)), label, color=colour, ha="center", va="center", fontsize=10, zorder=6)
 

@@ -227,6 +227,39 @@ def with_events(terminal, problem, body, start, how):
     return of_run(nt.simulate(body, **start, **how, events=[level, slow]), count=4)
 
 
+def interrupted(problem, body, start, how):
+    """The end of a run that was interrupted once, wherever the package has then stopped, and continued."""
+    middle, calls = how["t_end"] - 1.44, []
+
+    def interrupting(t, d, w):
+        if t > middle and not calls:
+            calls.append(t)
+            raise KeyboardInterrupt
+        return 0.1 * w[1], 0.0, -0.1 * w[0]
+
+    how = how | {"load": how["load"] + nt.moment(interrupting)}
+    try:
+        nt.simulate(body, **start, **how)
+    except nt.errors.SimulationInterrupt as stop:
+        run = stop.partial
+    if "times" in how:
+        how = how | {"times": how["times"][how["times"] > max(run.time, default=-1)]}
+    rest = nt.simulate(body, start=run, project=True, **how)
+    names = ("quaternion", "material_angular_velocity", "kinetic_energy")
+    return {name: rest[name].values[-1] for name in names}
+
+
+def continued(problem, body, start, how):
+    step = how.get("step", 0.1)
+    middle = how["t_end"] - step * round(SPAN / 2 / step)
+    first, second = how | {"t_end": middle}, how
+    if "times" in how:
+        before = how["times"] <= middle
+        first, second = first | {"times": how["times"][before]}, how | {"times": how["times"][~before]}
+    run = nt.simulate(body, **start, **first)
+    return of_run(run, "first ", 3) | of_run(nt.simulate(body, start=run, project=True, **second), "then ", 3)
+
+
 def many(count, body, start):
     """Return bodies and starts of an ensemble, and the scales of its load."""
     bodies = [BODIES[body](c) for c in np.linspace(1, 1.3, count)]
@@ -244,11 +277,42 @@ def statistics(problem, body, start, how):
     return {name: run[name].values for name in names}
 
 
+def members(problem, body, start, how):
+    """The members of two groups of lanes; member 8, whose load has the scale 1, has the bits of a run of its own."""
+    bodies, rows, scale = many(11, problem.body, start)
+    names = ("quaternion", "material_angular_velocity", "kinetic_energy")
+    run = nt.simulate_ensemble(nt.DirectorSystem.stack(bodies), **rows, **how, load_scale=scale, variables=names)
+    found = {name: run[name].values[[0, 5, 7, 8, 10]][:, [0, -1]] for name in names}
+    if "start" not in start:  # which brings what a run remembers
+        own = {name: rows[name][8] if name.endswith("velocity") else rows[name] for name in rows}
+        alone = nt.simulate(bodies[8], **own, **how)
+        found["differing"] = sum(np.sum(run[name].values[8, -1] != alone[name].values[-1]) for name in names)
+    return found
+
+
+def step_by_step(problem, body, start, how):
+    loop = nt.stepper(body, how.get("step", 0.1), integrator=how["integrator"], load=how["load"])
+    if "t_start" in start:
+        start = start | {"time": start.pop("t_start")}
+    state, found = loop.reset(**start), []
+    for k in range(round(SPAN / how["step"])):
+        numbers = [*state.quaternion, *state.material_angular_velocity, state.load_work, state.reaction_moment]
+        found.append([state.time, *numbers])
+        state = loop.step(body_moment=(0.3 * np.sin(k), 0.1, 0), space_moment=(0, -0.2 * found[-1][5], 0.1))
+    return {"states": few(found, 8)}
+
+
 def call_of(start):
     """Return the arguments of a propagator, and those of a call."""
     made = {name: start[name] for name in ("project", "t_start") if name in start}
     made |= {"t_start": float(start["start"].time[-1])} if "start" in start else {}
     return made, {name: value for name, value in start.items() if name not in made}
+
+
+def prepared(problem, body, start, how):
+    made, call = call_of(start)
+    run = nt.propagator(body, **made, **how)
+    return of_run(run(**call), "first ", 2) | of_run(run(**call, load_scale=0.6), "then ", 3)
 
 
 def jacobian(problem, body, start, how):
@@ -289,7 +353,12 @@ WAYS = {
     "run": plain,
     "events": partial(with_events, False),
     "terminal": partial(with_events, 2),
+    "interrupted": interrupted,
+    "continued": continued,
     "statistics": statistics,
+    "members": members,
+    "stepper": step_by_step,
+    "propagator": prepared,
     "jacobian": jacobian,
     "sensitivities": sensitivities,
     "gradient": gradient,

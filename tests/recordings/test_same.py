@@ -22,10 +22,14 @@ QUOTED = {'"time"': T, '"h"': [f"{x / 3:.17g}" for x in np.round(of.SPEED, 9)]}
 TABLES = {
     "moments": (text(MOMENT), None, 4),
     "units": (text({"t (s)": T, **vector("M{} [N m]", GYR)}), None, 4),
+    "semicolons": (text(MOMENT, sep=";"), None, 4),
     "decimal commas": (text(MOMENT, sep=";", decimal=","), None, 4),
+    "tabs, decimal commas": (text(MOMENT, sep="\t", decimal=","), None, 4),
     "chosen": (text({"note": range(N), **MOMENT}), [*MOMENT], 4),
     "another order": (text(MOMENT), ["time", "Mz", "My", "Mx"], 4),
     "a rotor": (text({"time": T, "h (N m s)": of.SPEED}), None, 2),
+    "times": (text({"time": T}), None, 1),
+    "one of many": (text(MOMENT), ["Mx"], 1),
     "a mark, quotes and 17 digits": ("\ufeff" + text(QUOTED), None, 2),
 }
 

@@ -32,6 +32,7 @@ INVERSE = R.inv().as_quat()[:, [3, 0, 1, 2]]
 TARED = R[0].inv() * R
 STILL = np.tile([0.0, 0, 0, 1], (N, 1))
 TWO = {"fore arm": Q, "upper": STILL}
+GYROSCOPE, ACCELEROMETER = vector("Gyr_{} (rad/s)", GYR, "XYZ"), vector("Acc_{}", makers.ACC, "XYZ")
 
 # makers, as the page names them
 
@@ -73,13 +74,16 @@ MAKERS = {
     "Android": made(text({"timestamp": START * 1000 + MS, **PLAIN})),
     "Apple": made(text({"motionTimestamp_sinceReboot(s)": T + 5000, **quat("motionQuaternion{}(R)", "XYZW", Q)})),
     "Shimmer": made(text(SHIMMER, "\t", below="ms" + "\tno_units" * 4 + "\n")),
+    "OptiTrack Motive": made(makers.motive({"arm": Q})),
     "OptiTrack Motive, two bodies": made(makers.motive(TWO), body="fore arm"),
+    "Qualisys": made(makers.qualisys({"fore arm": R}), "a.tsv"),
     "Qualisys, two bodies": made(makers.qualisys({"fore arm": R, "upper": R.inv()}), "a.tsv", body="fore arm"),
     "Qualisys, angles": made(makers.qualisys({"fore arm": R}), "a.tsv", euler="XYZ", angle_unit="deg", exact=False),
     "OpenSense": made(makers.sto(), "a.sto", body="humerus_imu"),
     "OpenSim, a free joint": made(makers.mot(degrees=True), "a.mot", **FREE),
     "OpenSim, in rad": made(makers.mot(degrees=False), "a.mot", **FREE),
     "C3D": made(makers.c3d, "a.c3d", body="r_larm_4X4", within=1e-6),
+    "C3D, normalized": made(makers.c3d, "a.c3d", body="r_larm_4X4", normalize=True, within=1e-6, exact=False),
     "BVH": made(makers.bvh(), "a.bvh", body="Arm", exact=False),
     "SPICE CK": made(makers.spice_kernels, "a.tm", body="-9000", **CK),
     "SPICE CK, no rates": made(partial(makers.spice_kernels, spinning=False), "a.tm", **CK),
@@ -90,7 +94,7 @@ BAGS = {
     "ROS 2, .db3": ("a", "a/a.db3", partial(makers.ros, version=2)),
     "ROS 2, .mcap": ("a", "a/a.mcap", partial(makers.ros, version=2, storage="MCAP")),
 }
-TOPICS_OF = {"ROS 1": ("/imu", "/pose", "/odometry", "/tf:base"), "ROS 2, folder": ("/imu",)}
+TOPICS_OF = {"ROS 1": ("/imu", "/pose", "/odometry", "/tf:base"), "ROS 2, folder": ("/imu", "/tf:base")}
 MAKERS |= {
     f"{name}, {body}": made(write, file, inner=inner, body=body, times=START + T)
     for name, (file, inner, write) in BAGS.items()
@@ -168,23 +172,37 @@ for encoding in ("utf-8", "utf-8-sig", "utf-16", "utf-16-be", "cp1252"):
 
 COLUMNS = {  # the columns beside the time, and how they are read
     "qw qx qy qz": (PLAIN, {}),
+    "qx qy qz qw": (quat("q{}", "xyzw", Q), {}),
+    "W X Y Z": (quat("{}", "WXYZ"), {}),
+    "Quat_W": (quat("Quat_{}", "WXYZ"), {}),
+    "Quat_W_CAL": (quat("Quat_{}_CAL", "WXYZ"), {}),
     "orientation/w": (quat("/imu/orientation/{}"), {}),
     "qr qi qj qk": (quat("q{}", "rijk"), {}),
     "q_real": (quat("q_{}", ("real", "i", "j", "k")), {}),
     "q_s": (quat("q_{}", "sxyz"), {}),
+    "Scalar": (quat("Orientation/{}", ("Scalar", "X", "Y", "Z")), {}),
+    "Quat_q0": (quat("Quat_q{}", "0123"), {}),
     "x y z beside": ({"x": T, "y": T, "z": T, **PLAIN}, {}),
     "q0, first": (quat("q{}", "0123"), {"scalar_first": True}),
+    "q0, last": (quat("q{}", "0123", Q), {"scalar_first": False}),
+    "q1, first": (quat("q{}", "1234"), {"scalar_first": True}),
     "q1, last": (quat("quat_{}", "1234", Q), {"scalar_first": False}),
     "q0, identity first": (quat("q{}", "0123", TARED.as_quat()[:, [3, 0, 1, 2]] + 0.0), {"truth": TARED}),
     "q1, identity first": (quat("q{}", "1234", TARED.as_quat() + 0.0), {"truth": TARED}),
-    "q1, by the gyroscope": (quat("q{}", "1234", Q) | vector("Gyr_{} (rad/s)", GYR, "XYZ"), {}),
+    "q0, by the gyroscope": (quat("q{}", "0123") | GYROSCOPE, {}),
+    "q1, by the gyroscope": (quat("q{}", "1234", Q) | GYROSCOPE, {}),
     "r11": (makers.matrix("r{}{}"), {}),
     "m00": (makers.matrix("m{}{}", 0), {}),
+    "Mat[1][1]": (makers.matrix("Mat[{}][{}]"), {}),
+    "Rot[0]": ({f"Rot[{k}]": MATRICES[:, k % 3, k // 3] for k in range(9)}, {}),
     "directors": ({f"d{i + 1}_{x}": MATRICES[:, k, i] for i in range(3) for k, x in enumerate("xyz")}, {}),
+    "gyroscope beside": (PLAIN | GYROSCOPE, {}),
+    "accelerometer beside": (PLAIN | ACCELEROMETER, {}),
     "--columns": (quat("{}", "abcd"), {"columns": ["time", *"abcd"], "scalar_first": True}),
     "--columns, matrix": (NINE, {"columns": list(NINE), "time_column": "time"}),
     "--body": (quat("Fore_{}", values=INVERSE) | quat("Upper_{}"), {"body": "upper"}),
     "--inverse": (quat("q{}", values=INVERSE), {"inverse": True}),
+    "--inverse, gyroscope": (quat("q{}", values=INVERSE) | GYROSCOPE, {"inverse": True}),
     "--inverse, matrix": (makers.matrix("r{}{}", values=MATRICES.swapaxes(1, 2)), {"inverse": True}),
     "rounded": (quat("q{}", values=[[f"{x:.3f}" for x in q] for q in WXYZ]), {"normalize": True, "within": 2e-3}),
     "integers": (quat("q{}", values=np.round(WXYZ * 2**14).astype(int)), {"normalize": True, "within": 2e-4}),
@@ -209,6 +227,9 @@ TIMES = {
     "y/m/d": ("DateTime", [f"{d:%Y/%m/%d %H:%M:%S.%f}" for d in DATES], {}),
     "d.m.y": ("Datum", [f"{d:%d.%m.%Y %H:%M:%S.%f}" for d in DATES], {}),
     "d.m.y, decimal comma": ("Datum", [f'"{d:%d.%m.%Y %H:%M:%S,%f}"' for d in DATES], {}),
+    "m/d/y": ("Date", [f"{d:%m/%d/%Y %H:%M:%S.%f}" for d in DATES], {}),
+    "m/d/y, PM": ("Date", [f"{d:%m/%d/%Y %I:%M:%S.%f} PM" for d in DATES], {}),
+    "d/m/y": ("Date", [f"{d:%d/%m/%Y %H:%M:%S.%f}" for d in DATES], {}),
     "time of day": ("time", [f"{d:%H:%M:%S.%f}" for d in DATES], {}),
     "time of day, AM": ("time", [f"{d:%I:%M:%S.%f} AM" for d in DATES], {}),
     "since 1970, s": ("epoch", START + T, {}),
@@ -216,12 +237,16 @@ TIMES = {
     "since 1970, us": ("timestamp", START * 10**6 + US, {}),
     "since 1970, ns": ("timestamp", START * 10**9 + NS, {}),
     "ms": ("time_ms", MS, {}),
+    "us": ("timestamp_us", US, {}),
+    "ns": ("t [ns]", NS, {}),
     "min": ("time [min]", [f"{t / 60:.14f}" for t in T], {}),
+    "--time-unit ms": ("time", MS, {"time_unit": "ms"}),
     "--time-unit 1e-4": ("time", MS * 10, {"time_unit": "1e-4"}),
     "ticks of 32 bits": ("SampleTimeFine", (US + 2**32 - 500_000) % 2**32, {"time_unit": "us"}),
     "in brackets": ("Zeit (s)", T, {}),
     "--time-column": ("when", T, {"time_column": "when"}),
     "samples": ("sample", range(N), {"rate": 50}),
+    "packets": ("PacketCounter", 51400 + np.arange(N), {"rate": 50}),
     "packets of 16 bits": ("PacketCounter", (65530 + np.arange(N)) % 2**16, {"rate": 50}),
     "rows": ("note", ["x"] * N, {"rate": 50}),
     "rounded": ("time", [f"{t:.1f}" for t in T], {"rate": 50}),
@@ -240,6 +265,8 @@ FILES = makers.DATA / "readers"
 OTHERS = {
     "opensim.sto": made(copied(FILES / "opensim.sto"), "a.sto", **OPENSIM),
     "opensim.mot": made(copied(FILES / "opensim.mot"), "a.mot", **OPENSIM, **FREE),
+    "bvhio.bvh, upper": made(copied(FILES / "bvhio.bvh"), "a.bvh", body="upper", truth=UPPER, **BVHIO),
+    "bvhio.bvh, fore": made(copied(FILES / "bvhio.bvh"), "a.bvh", body="fore", truth=UPPER * FORE, **BVHIO),
     "bvhio.bvh, hand": made(copied(FILES / "bvhio.bvh"), "a.bvh", body="hand", truth=UPPER * FORE * HAND, **BVHIO),
     "imu, quaternion.csv": made(copied(makers.ROOT / "examples/imu/quaternion.csv"), inverse=True, **LOST),
 }
@@ -253,6 +280,7 @@ PHYPHOX = {'"Time (s)"': T, **vector('"Gyroscope {} (rad/s)"', GYR), '"Absolute 
 GYRO = partial(made, truth=GYR, within=2e-10)
 STEADY = {"truth": np.tile([0.0, 0, 2], (N, 1)), "within": 1e-9, "exact": False}
 RATES = {
+    "gx (rad/s)": GYRO(RAD),
     "gx, --unit": GYRO(vector("g{}", GYR), unit="rad/s"),
     "gyr_x_dps": GYRO(vector("gyr_{}_dps", DPS)),
     "gyr_x (deg/s), acc_x": GYRO(vector("gyr_{} (deg/s)", DPS) | vector("acc_{}", makers.ACC)),
@@ -260,6 +288,7 @@ RATES = {
     "wx (mrad/s)": GYRO(vector("w{} (mrad/s)", 1e3 * GYR)),
     "wx (rpm)": GYRO(vector("w{} (rpm)", GYR * 30 / np.pi)),
     "Gyroscope x, phyphox": GYRO(text(PHYPHOX)),
+    "Gyroscope X (deg/s)": GYRO(vector("Gyroscope {} (deg/s)", DPS, "XYZ")),
     "rotationRateX(rad/s)": GYRO(vector("rotationRate{}(rad/s)", GYR, "XYZ")),
     "rotationRateX": GYRO(vector("rotationRate{}", DPS, "XYZ"), unit="deg/s"),
     "angular_velocity.x": GYRO(vector("angular_velocity.{}", GYR), unit="rad/s"),
@@ -267,6 +296,7 @@ RATES = {
     "MT Manager": GYRO(mt_manager("\t", ("Acc", "Gyr")), rate=50, unit="rad/s", within=1e-6),
     "APDM": GYRO(makers.apdm(), body="Upper"),
     "decimal commas": GYRO(text({"t (s)": T, **vector("gyr_{} [deg/s]", DPS)}, sep=";", decimal=",")),
+    "rotor (rad/s)": GYRO({**RAD, "rotor (rad/s)": SPEED}, speed="rotor (rad/s)"),
     "rotor (rpm)": GYRO({**RAD, "rotor (rpm)": SPEED * 30 / np.pi}, speed="rotor (rpm)"),
     "rotor, unit": GYRO({**RAD, "n": SPEED}, speed="n", speed_unit="rad/s"),
     ".npz": GYRO(partial(makers.npz, arrays=ARRAYS), "a.npz", unit="rad/s"),

@@ -6,11 +6,11 @@ import xarray
 
 from conftest import BODIES
 from nontwist import DirectorSystem, integrate, open_run, rotation, rotor, save_run, simulate, sine
-from nontwist.analysis.variables import DERIVATIVES, EVENTS, FRICTION, INTERNAL, MEMBERS, ROTORS, VARIABLES, WHEELS
+from nontwist.analysis.variables import DERIVATIVES, EVENTS, LOADED, MEMBERS, ROTORS, VARIABLES, WHEELS
 from nontwist.comparison import observed_order, second_quotient
 from refusals import says
 
-OTHERS = {*EVENTS, *ROTORS, *WHEELS, *FRICTION, *INTERNAL, *DERIVATIVES, *MEMBERS}  # of some runs alone
+OTHERS = {*EVENTS, *ROTORS, *WHEELS, *LOADED, *DERIVATIVES, *MEMBERS}  # of some runs alone
 
 KICK = {
     "t_end": 0.3,

@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import accumulate
 
 import numpy as np
 
@@ -56,7 +55,9 @@ def inverse(A: Array, rcond: float = 1e-12) -> Array:
 
 def smeared(x: Array, phi: float) -> Array:
     """Return ``Σ_j φ^|i - j| x_j`` along the first axis."""
-    ahead, behind = (np.array([*accumulate(y, lambda before, now: now + phi * before)]) for y in (x, x[::-1]))
+    from scipy.signal import lfilter
+
+    ahead, behind = (lfilter([1.0], [1.0, -phi], y, axis=0) for y in (x, x[::-1]))
     return np.asarray(ahead + behind[::-1] - x)
 
 

@@ -35,7 +35,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 
@@ -380,18 +380,25 @@ class Driven(Momentum):
         return momentum, of.torque_at(times)
 
 
-def recorded_wheels(records: Sequence[Record]) -> list[tuple[Array, float, int, bool, bool, bool]]:
-    """Return the wheels of the load of these records, whose internal states come before those of other loads.
+class Column(NamedTuple):
+    """A wheel in the states of a run."""
 
-    Of each its axis, its inertia, the place of h among the internal states, whether the work of a motor is behind it,
-    whether what friction takes is behind that, as h is not known beforehand, and whether it is dry.
-    """
-    found, place = list[tuple[Array, float, int, bool, bool, bool]](), 0
+    axis: Array  # (3,)
+    inertia: float
+    place: int  # of h among the internal states
+    has_motor: bool  # whether its work is behind it
+    has_loss: bool  # whether what friction takes is behind that: h is not known beforehand
+    is_dry: bool
+
+
+def recorded_wheels(records: Sequence[Record]) -> list[Column]:
+    """Return the wheels of the load of these records, whose internal states come before those of other loads."""
+    found, place = list[Column](), 0
     for one in records:
         if "wheel" in one:
             rubs, works = _rubs(one) or "motor" in one, bool(one["torque"] or len(one["times"]))
             is_dry = bool(one.get("coulomb"))
-            found.append((np.array(one["wheel"]), float(one["inertia"]), place, rubs or works, rubs, is_dry))
+            found.append(Column(np.array(one["wheel"]), float(one["inertia"]), place, rubs or works, rubs, is_dry))
             place += 3 if rubs else 1 + works
     return found
 

@@ -115,7 +115,7 @@ def momenta_of_rotors(run: xarray.Dataset) -> list[tuple[Array, Array]]:
     if "wheel_speed" not in run:
         return rotors
     speeds, wheels = run["wheel_speed"].transpose("wheel", "time").values, recorded_wheels(records)
-    return rotors + [(axis, inertia * speed) for (axis, inertia, *_), speed in zip(wheels, speeds, strict=True)]
+    return rotors + [(one.axis, one.inertia * speed) for one, speed in zip(wheels, speeds, strict=True)]
 
 
 PLACES = ("first", "second")

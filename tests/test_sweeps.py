@@ -174,7 +174,7 @@ def test_a_sweep_ends_where_the_closed_solution_does(write, tmp_path):
 
 def turned(frame, rotation, key="body.inertia.0"):
     """A sweep whose members start turned: a quaternion that is scaled to length 1 twice may change."""
-    start = f"rotation = {{ {rotation} }}, angular_velocity = {{ {frame} = [0, 0.3, 60] }}"
+    start = f'rotation = {{ {rotation} }}, angular_velocity = {{ {frame} = [0, 3, 573], unit = "rpm" }}'
     return f"""
 body = {{ kind = "standard", inertia = [0.1, 0.11, 0.02] }}
 start = {{ {start} }}

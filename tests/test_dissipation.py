@@ -30,7 +30,8 @@ def test_energy_never_rises_and_momentum_stays(scheme, order):
         assert K[-1] < K[0] - 1e-3
         assert K.min() >= least * (1 - 1e-13)
         assert abs(pi - pi[0]).max() < (1e-12 if t_end > 80 else 3e-13)
-    assert order == 2 or K[-1] < least * (1 + 1e-3)
+    if order == 1:
+        assert K[-1] < least * (1 + 1e-3)
 
 
 LOAD = nt.pulse((1, 2, 3), 0, 0.7) + nt.damping(0.1) + nt.pulse((0, 2, 1), 0, 1, frame="space")

@@ -42,7 +42,7 @@ def test_sums_are_the_growth_of_volumes(scheme):
     assert abs(damped + np.trace(np.linalg.solve(J, C))) < (1e-12 if scheme == "gauss" else 1e-3)
     for load in (nt.gravity_gradient(1.3), nt.spring(3.0, (0, 0.2, 1), (1, 0.5, 1), 0.8)):
         found = nt.lyapunov(nt.standard(J), load=load, **how).lyapunov_exponent
-        assert abs(found.sum("exponent").values).max() < 1e-11 or scheme != "gauss"  # a volume stays
+        assert abs(found.sum("exponent").values).max() < (1e-11 if scheme == "gauss" else 5e-3)  # a volume stays
     heavy = nt.lyapunov(nt.heavy_top(J, 1, (0.1, 0.2, 0.5)), **how).lyapunov_exponent.values
     if scheme != "energy-momentum":  # of whose twelve directions these are six
         d = nt.sensitivities(nt.heavy_top(J, 1, (0.1, 0.2, 0.5)), wrt=["rotation", "material_angular_velocity"], **how)

@@ -661,3 +661,13 @@ def test_the_weight_of_a_top_made_in_python_is_swept_from_what_was_given(name, v
         assert found == simulate(heavy_top(**own | {name: value}), **how).kinetic_energy[-1]
     with pytest.raises(ValueError, match=rf"body.{name}: of this body a force is known, no mass"):
         sweep(Problem(nt.DirectorSystem.from_json(heavy_top(**own).to_json()), **how), tmp_path / "none", over=over)
+
+
+def test_averages_are_those_of_an_ensemble_from_its_start(tmp_path):
+    how = {"t_start": 1.0, "t_end": 3.0, "step": 0.1, "integrator": "gauss"}
+    problem, spins = Problem(standard([3, 4, 5]), **how, material_angular_velocity=(1.0, 2.0, 0.0)), [0.1, 0.5, 2.0]
+    many = sweep(problem, tmp_path / "s", over={"start.angular_velocity.body.2": spins}, reduce=["averages"])
+    starts = [(1.0, 2.0, spin) for spin in spins]
+    found = nt.simulate_ensemble(problem.system, material_angular_velocity=starts, reduce="averages", **how)
+    for name in ("kinetic_energy_mean", "spatial_momentum_mean"):
+        np.testing.assert_allclose(many[name].values, found[name].values, rtol=1e-13, atol=1e-13)

@@ -28,7 +28,7 @@ def pytest_configure(config):
 
     No test cuts the power: nothing is forced to the disk.
     """
-    os.fsync = lambda file: None
+    os.fsync = os.fstat
     if config.option.markexpr == "not long":
         machine_code.LEVEL = 0
 

@@ -35,14 +35,15 @@ WRONG = {  # content, code of the refusal; or what makes something that is no fi
 }
 
 
-@pytest.mark.skipif(os.name == "nt", reason="links need rights on Windows, which has no FIFOs")
 @pytest.mark.filterwarnings("ignore::nontwist.errors.InputWarning")
 @pytest.mark.parametrize("case", WRONG)
 def test_what_is_no_recording_is_refused_in_one_sentence(case, here):
     content, code = WRONG[case]
+    if os.name == "nt" and not code:
+        pytest.skip("links need rights on Windows, which has no FIFOs")
     path = Path("a.csv")
     path.write_text(content, encoding="utf-8") if code else content(path)
-    with refused(code) if code else pytest.raises(OSError, match=r".{,199}$") as told:
+    with refused(code) if code else pytest.raises(OSError, match=r"^.{1,199}$") as told:
         twist(read_motion("a.csv"))
     assert code or not isinstance(told.value, InputError)
     result = nontwist("twist", "a.csv", "--out", "result.nc")

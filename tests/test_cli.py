@@ -41,7 +41,7 @@ COMMANDS = {  # with what each may not import
     f"twist {IMU} --inverse --out u": "dask.array scipy",
     "info u.nc": "dask.array scipy",
     "example standard": "dask.array scipy",
-    "run standard.toml --set time.t_end=1 --set integrator.name='exact' --set output.figures=[]": "dask.array",
+    "run standard.toml --set time.t_end=1 --set output.figures=[]": "dask.array",
 }
 IMPORTING = f"""
 import sys; from typer.testing import CliRunner; from nontwist.cli import app
@@ -103,8 +103,10 @@ def test_options_say_how_a_recording_is_read(tmp_path):
     R, t = rotation(recording), recording["Time (s)"].to_numpy()
     expected, quat = twist(R, t, axis=[0, -1, 0], axis_frame="space").twist_angle.values, R.as_quat()
     np.savez(tmp_path / "columns.npz", a=t, b=quat[:, 3], c=quat[:, 0], d=quat[:, 1], e=quat[:, 2])
+    np.savez(tmp_path / "last.npz", quaternion=quat, t=t)
     plain = IMU.read_text(encoding="utf-8").replace("Time (s)", "Time")
     for unit, data, options, stdin in (
+        (1, tmp_path / "last.npz", "--scalar-last", None),
         (1, tmp_path / "columns.npz", "--columns a,b,c,d,e --scalar-first", None),
         (1000, "-", "--time-unit ms", plain),
     ):

@@ -249,6 +249,8 @@ def test_work_precision(loaded):
         for line, x in ((own, 1e3 * good.run_time), (other, good.step)):
             assert line.get_xdata() == pytest.approx(x.values)
             assert line.get_ydata() == pytest.approx(good.attitude_error_max.values)
+        slopes = np.diff(np.log(other.get_ydata())) / np.diff(np.log(other.get_xdata()))
+        assert slopes[-1] == pytest.approx(order, abs=0.1)
     assert len(lines[2].get_xdata()) == 1
     assert adaptive.get_xdata() == pytest.approx([0.5, 0.00625, np.nan], nan_ok=True)
     assert len(set(adaptive.get_ydata())) == 1

@@ -31,7 +31,8 @@ EVERY = product(["standard", "heavy top", "nontwisting", "suslov"], [load for _,
 @pytest.mark.parametrize(("body", "load"), or_long(CASES, [case for case in EVERY if case not in CASES]))
 def test_states_between_nodes_are_those_of_scipy(body, load, expansions):
     system, how = BODIES[body](1.0), HOW | {"load": made_load(load)}
-    run = nt.integrate(system, integrator=Gauss(order=12), step=0.01, **how)
+    step = 0.01 if load == "body table" else 0.05  # which has a kink at 2.33
+    run = nt.integrate(system, integrator=Gauss(order=12), step=step, **how)
     assert expansions == [True]
     fine = nt.integrate(system, integrator=Continuous(), **how)
     assert run.directors == pytest.approx(fine.directors, abs=2e-11)

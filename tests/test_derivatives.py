@@ -265,6 +265,9 @@ def test_run_and_shape(scheme):
     if scheme != "energy-momentum":  # which has the constraint in the mean
         dW = nt.sensitivities(SYSTEMS["suslov"], wrt=wrt[3:], **how).d_material_angular_velocity.values
         assert abs(dW.swapaxes(1, 2) @ AXIS).max() < 1e-14
+    d = nt.sensitivities(nt.standard([5, 3, 4]), wrt=["principal_inertia", "inertia"], **how)
+    dW = d.d_material_angular_velocity.values
+    assert np.array_equal(dW[..., :3], dW[..., 3:6])  # in the order of the directors, not of size
 
 
 def test_chosen_steps_and_continued_runs():

@@ -152,6 +152,10 @@ def test_start_and_order_of_times():
         assert solution(J, W, 0.5)[0].shape == (1, 3, 3)
         assert solution(J, W, [])[0].shape == (0, 3, 3)
         assert np.array_equal(solution(J, [0, 0, 0], [3])[0], np.eye(3)[None])
+    times = turns(W, 10), 0.5
+    for R, w, t, bound in zip(*solution(J, W, times), times, (3e-14, 1e-15), strict=True):  # the last, steady one
+        assert distance(R, reference.steady(W, t)) <= bound
+        assert np.array_equal(w, W)
 
 
 @pytest.mark.parametrize("body", [nt.standard, nt.nontwisting])

@@ -257,6 +257,9 @@ def test_any_inertia_that_the_equations_allow_is_fitted_where_it_may_be(here):
     in_degrees("water.csv", *not_a_body())
     ended(0, "fit", "water.csv", "--all", "--unphysical", "--out", "water.toml")
     assert apart(fit, nt.Problem.read("water.toml")) < 1e-3
+    recording = throw(1, phone=False)[1]
+    found = [whole(recording, physical=one).principal.moments for one in (True, False)]
+    np.testing.assert_allclose(*found, atol=1e-6)  # where bodies are, it makes no difference
 
 
 # Files

@@ -110,13 +110,20 @@ BEGUN = np.array([2.0, -3, 6, 0.6, 0, -0.8, 0.1, 0.3, -0.2, 0.9])  # W, γ and a
 
 @pytest.mark.parametrize("acts", [False, True])
 def test_motions_are_those_of_scipy(acts):
-    """And their derivatives those of differences of residuals, below."""
+    """And their derivatives those of complex steps."""
     n, drag, unit = CENTRE / FAR, C / 0.05, 0.05
     more = {"pivot": Pivot(MASS, FAR, None, 9.81), "damping": 3} if acts else {}
     taken, arm = slice(None) if acts else [0, 1, 2, 6, 7, 8, 9], acts * MASS * 9.81 * FAR / unit
     motion = Motion(Model(**more, oriented=True, unit=unit), J / unit, np.concatenate([n, drag])[: 6 * acts])
-    found, _ = response(motion, BEGUN[taken], TIMES)
+    found, D = response(motion, BEGUN[taken], TIMES)
     assert abs(found - by_scipy(J / unit, arm * n, acts * drag, BEGUN, TIMES)[:, taken]).max() < 1e-9 * 7
+    columns = [*np.arange(10)[taken], *range(10, 22 if acts else 16)]
+    way = np.zeros(22)  # in which all of them change, each as much
+    way[columns] = np.random.default_rng(2).normal(size=len(columns)) / abs(D).max(axis=(0, 1))
+    e = 1e-30j * way
+    given = J / unit + 1j * symmetric(e[10:16].imag), arm * (n + e[16:19]), acts * (drag + e[19:])
+    true = by_scipy(*given, BEGUN + e[:10], TIMES).imag[:, taken] / 1e-30
+    assert abs(D @ way[columns] - true).max() < 1e-8 * abs(true).max()
 
 
 def test_the_motion_of_a_free_body_keeps_energy_and_momentum_over_many_turns():

@@ -76,7 +76,7 @@ def test_order_four(name):
     for t in map(TIMES[name], counts):
         exact = transported(t)
         errors.append(np.abs(roll(nontwisting_frame(path(t), exact[0]), exact)).max())
-    assert slope(counts, errors) == pytest.approx(4, abs=0.2)
+    assert slope(counts, errors) == pytest.approx(4, abs=0.1)
     assert name != "jittered" or errors[-1] < 5e-10
 
 
@@ -144,7 +144,7 @@ def test_polygon_invariants():
         same = [*map(solid_angle, (np.roll(d3, 2, axis=0), d3 @ turn.T, np.repeat(d3, 2, axis=0))), halves]
         same += [-solid_angle(d3[::-1]), solid_angle(d3, pole=turn[0])]
         assert modulo(np.array(same) - area, 4 * np.pi) < 1e-12
-        assert modulo(np.array([holonomy(d3), polygon_turn(d3)]) - area) < 1e-12
+        assert modulo(np.array([holonomy(d3), polygon_turn(d3)]) - area) < 1e-13
         assert modulo(closed_frame(d3, order=2)[1] - area) < 1e-11
 
 
@@ -346,7 +346,7 @@ def test_directors_that_move_by_next_to_nothing(size, order):
     closed, angle = closed_frame(d3, order=order)
     for frames in (nontwisting_frame(d3, order=order), closed):
         assert_allclose(frames, np.broadcast_to(AXES, frames.shape), atol=1e-15)
-    assert [angle, holonomy(d3), solid_angle(d3)] == pytest.approx([0, 0, 0], abs=1e-15)
+    assert [angle, holonomy(d3), solid_angle(d3)] == pytest.approx([0, 0, 0], abs=1e-15 if size else 0)
     assert frame_error_estimate(d3, order=order).max() < 1e-14
 
 

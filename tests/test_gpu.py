@@ -189,6 +189,8 @@ PAIRS = [  # each scheme, each part of a load, each kind of output
     ("energy-momentum 1 dissipative", "heavy top", "quadratic", ALL),
 ]
 PYTHON = ["moment", "moment in C", "forces", "potential"]
+FORMER = [("gauss 16", "heavy suslov", "damping", ALL), ("lie-midpoint 1 dissipative", "symmetric", "sum", ALL)]
+FORMER += [("energy-momentum 2 dissipative", "heavy top", "quadratic", ALL)]
 EVERY = product(
     ("gauss 4", "lie-midpoint 2", "energy-momentum 2"),
     ("standard", "heavy nontwisting"),
@@ -197,7 +199,7 @@ EVERY = product(
 )
 
 
-@pytest.mark.parametrize(("scheme", "body", "load", "how"), or_long(PAIRS, EVERY))
+@pytest.mark.parametrize(("scheme", "body", "load", "how"), or_long(PAIRS, [*EVERY, *FORMER]))
 def test_a_thread_gives_what_the_processor_gives(driver, codes, scheme, body, load, how):
     made = MORE[load]() if load in MORE else LOADS[load][0]()
     compared(codes, body, integrator=SCHEMES[scheme], load=made, load_scale=1 + 0.1 * np.arange(len(W)), **how)

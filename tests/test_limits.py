@@ -52,13 +52,14 @@ FILES = {  # what the page of run files says: its run file, the last number that
 
 
 @pytest.mark.parametrize("words", FILES)
-def test_of_run_files(words, write):
+def test_of_run_files(words, write, monkeypatch):
     text, last, beyond, *keys = FILES[words]
     assert words in " ".join((ROOT / "docs" / "run-files.md").read_text(encoding="utf-8").split())
+    monkeypatch.setattr("nontwist.runfile.sweep_table.Grid.points", None)  # which is not made to be checked
     assert Problem.read(write(text(last))).system.name == "standard"
     with pytest.raises(RunFileError) as told:
         Problem.read(write(text(beyond)))
-    assert {fault.key for fault in told.value.problems} == {*keys}
+    assert sorted(fault.key for fault in told.value.problems) == sorted(keys)
 
 
 @pytest.mark.parametrize("beyond", [0, 1])

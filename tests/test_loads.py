@@ -23,7 +23,7 @@ import nontwist as nt
 from conftest import BODIES, thinned
 from nontwist.analysis.invariants import drifts
 from nontwist.geometry.arrays import Array
-from nontwist.loads import LOADS, Potential, Term
+from nontwist.loads import LOADS, DirectorForces, Potential, Term
 from nontwist.loads.kinds import load_of
 from nontwist.runfile import read_run_file
 from nontwist.runfile.document import json_schema
@@ -329,6 +329,16 @@ class Wave(Term):
 
 
 @dataclass(frozen=True, eq=False)
+class Tips(DirectorForces):
+    """A dead force on each director."""
+
+    tips: Annotated[Array, Spec("in space, a row for each director", unit="N m", shape=(3, 3))]
+
+    def forces(self, t, directors, angular_velocity):
+        return self.tips
+
+
+@dataclass(frozen=True, eq=False)
 class Ruled(Wave):
     """One with more fields."""
 
@@ -344,13 +354,14 @@ def test_fields_of_ones_own_are_what_their_rules_say(wrong):
         Ruled(**good | wrong)
 
 
-KINDS = {"needle": Needle, "cord": Cord, "wave": Wave}
+KINDS = {"needle": Needle, "cord": Cord, "wave": Wave, "tips": Tips}
 SPRING, CORD = nt.spring(3, (0, 0.2, 1), (1, 0.5, 1), 0.8), Cord(3, (0, 0.2, 1), 0.8)
 WAVE = Wave((1, 2, 3), 0.7)
 PAIRS = {  # a load, that of the package, and a number of the first as one of the other, and how many times it changes
     "needle": (Needle(DIPOLE, FIELD), nt.dipole(DIPOLE, FIELD), {"needle[2]": ("linear[2]", -1)}),
     "cord": (CORD, SPRING, {"cord": ("stiffness", 1), "rest": ("rest_length", 1)}),
     "wave": (WAVE, nt.sine((1, 2, 3), 0.7, frame="space"), {"wave[y]": ("sine[y]", 1), "rate": ("frequency", 1)}),
+    "tips": (Tips(np.outer(DIPOLE, FIELD)), nt.dipole(DIPOLE, FIELD), {}),
 }
 
 

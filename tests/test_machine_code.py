@@ -16,7 +16,7 @@ from conftest import BODIES, PAPER_J
 from nontwist import Load, damping, heavy_top, integrate, sine, standard
 from nontwist.engine.records import BLOCK
 from nontwist.engine.workspace import CALL, IN_BLOCK
-from nontwist.integrators import INTEGRATORS, IVP, stack_march
+from nontwist.integrators import INTEGRATORS, IVP, dense, stack_march
 from nontwist.kernels import machine_code
 from nontwist.models.stack import stacked
 
@@ -30,9 +30,10 @@ FIRST = (
 )
 
 
-def test_it_runs_read_only_and_homeless_and_isolated_in_an_archive(tmp_path):
+@pytest.mark.parametrize("is_archive", [False, True])
+def test_it_runs_read_only_and_homeless_and_isolated_and_in_an_archive(is_archive, tmp_path):
     shutil.copytree(HERE, tmp_path / "nontwist", ignore=shutil.ignore_patterns("__pycache__"))
-    path = shutil.make_archive(str(tmp_path / "packages"), "zip", tmp_path, "nontwist")
+    path = shutil.make_archive(str(tmp_path / "packages"), "zip", tmp_path, "nontwist") if is_archive else str(tmp_path)
     before = sorted(tmp_path.rglob("*"))
     for inner in [tmp_path, *before]:
         inner.chmod(0o555 if inner.is_dir() else 0o444)
@@ -79,6 +80,7 @@ PROCESSORS = {"haswell": "+avx,+avx2,+fma", "znver2": "+avx,+avx2,+fma", "skylak
 def test_what_is_done_for_speed_and_other_processors_change_no_bit(name, order, monkeypatch):
     """Processors of this kind that this one contains."""
     monkeypatch.setattr(stack_march, "march_kernel", stack_march.march_kernel.__wrapped__)
+    monkeypatch.setattr(dense, "output_kernel", dense.output_kernel.__wrapped__)
     load, own = sine((1, 2, 0.5), 0.7, frame="space") + damping(0.1), machine_code.processor()
     how = {"t_end": 1, "times": [0, 0.37, 1], "step": 0.05, "load": load, "integrator": name, "order": order}
     known = {one: words for one, words in PROCESSORS.items() if {*words.split(",")} <= {*own[1].split(",")}}

@@ -122,6 +122,7 @@ WRITTEN = {
     "rod with an axis": posed(dataclasses.replace(BODY, axis=[0, 1, 0]), material_angular_velocity=(1, 0, 2)),
     "named as another": posed(nt.DirectorSystem(np.diag([3, 2, 1.5]), name="nontwisting probe")),
     "tolerance": posed(nt.standard(np.diag([3.0, 4, 5]) + 0.1), tolerance=1e-9),
+    "turning": posed(nt.nontwisting([3, 4, 5], spin=0.5), step=0.1, angular_velocity=(1, 0, 0)),
     "spun": posed(SPUN, step=0.1, angular_velocity=(1, 0, 0)),
     "rod": posed(nt.nontwisting([1, 1, 0]), step=0.1, angular_velocity=(1, 0, 0)),
     "suslov": posed(nt.suslov([3, 4, 5], (1, 1, 0)), step=0.1, material_angular_velocity=(0, 0, 1)),

@@ -248,6 +248,7 @@ REFUSED = {
     "ticks": no("no-time-unit", beside(SampleTimeFine=np.arange(N)), name="SampleTimeFine"),
     # Movella DOT, an hour after it was switched on: no seconds since 1970
     "late ticks": no("no-time-unit", beside(SampleTimeFine=LATE), step=16_667),
+    "late ticks, by another name": no("no-time-unit", beside(timestamp=LATE)),
     "a word": no("not-a-time", beside(time=["noon"] * N), name="time", value="noon"),
     **{wrong: no("not-a-time", beside(Date=[wrong] * N), how={"time_column": "Date"}, name="Date", value=wrong)
        for wrong in ("13:00:00 PM", "0:00:00 AM", "12/31/2026 25:00:00", "2/31/2026 10:00:00")},
@@ -286,7 +287,7 @@ REFUSED = {
     "BVH, channels of an end": no("hierarchy", bvh().replace("Site {", "Site { CHANNELS 1 Xrotation", 1), "a.bvh"),
     "BVH, another axis": no("hierarchy", bvh().replace("Zrotation", "Wrotation"), "a.bvh"),
     "BVH, underscores": no("not-a-number", "\n".join([*bvh().split("\n")[:24], "1_0 " * 12]), "a.bvh", value="1_0"),
-    **{f"BVH, {step}": no("no-frame-time", bvh().replace("0.02", step, 1), "a.bvh") for step in ("0", "inf")},
+    **{f"BVH, {x}": no("no-frame-time", bvh().replace("0.02", x, 1), "a.bvh") for x in ("-0.02", "0", "nan", "inf")},
     "BVH, cut short": no("no-hierarchy", "HIERARCHY\nROOT a\n{\nCHANNELS 3 Xrotation", "a.bvh"),
     "NumPy, objects": no("unreadable", objects, "a.npy", what="NPY file"),
     "NumPy, scalar": no("scalar-unknown", BOTH, "a.npz", {"body": "leg"}, who="the array 'leg' does"),
@@ -358,8 +359,8 @@ SAID = {  # what is read, and a pattern of what is said of it
     "packets": made(text({"PacketCounter": range(N), **PLAIN}), times=None, says="'PacketCounter' numbers the samples"),
     "empty": made(text({"SampleTimeFine": [""] * N, **PLAIN}), times=None, says="column 'SampleTimeFine' is empty"),
     "none": made(text(PLAIN), times=None, says="time: none"),
-    "a damaged row": made(BAD, says="missing: 1 row, which are not valid quaternions, the first is line 42"),
-    "a damaged row, normalized": made(BAD, normalize=True, says="missing: 1 row, which are .* the first is line 42"),
+    "a damaged row": made(BAD, missing=1, says="missing: 1 row, which are not valid quaternions, the first is line 42"),
+    "a damaged row, normalized": made(BAD, missing=1, normalize=True, says="missing: 1 row, .* the first is line 42"),
     "desired rolls": made(vector("Des{}", 0 * GYR, YPR) | ANGLES, euler="ZYX",
                           angle_unit="rad"),
     "angles that are named in another order": made(ANGLES, columns=[*YPR], euler="XYZ",
@@ -391,7 +392,7 @@ SAID = {  # what is read, and a pattern of what is said of it
     **{f"a matrix back at the identity, {k}": made(matrix("r{}{}", values=one.as_matrix()), truth=one)
        for k, one in enumerate(COME_BACK)},
     "lost rows": made(quat("q{}", values=np.where(np.isin(np.arange(N), [40, 41, 50])[:, None], [1.0, 0, 0, 0], WXYZ)),
-                      says="missing: 3 rows, whose identities stand for lost ones, the first is line 42"),
+                      says="missing: 3 rows, whose identities stand for lost ones, the first is line 42", missing=3),
     "times beside another rate in the file": archive({"fps": 25.0, "time": 5 + T, "R": MATRICES, "v": T[1:]},
         says="25 samples a second, from which the times differ"),
     "a rate in the file, and words": archive({"fps": 25.0, "time": ["noon"] * N, "R": MATRICES}, times=2 * T,
@@ -411,7 +412,9 @@ SAID = {  # what is read, and a pattern of what is said of it
 @pytest.mark.parametrize("name", SAID)
 def test_motions_are_read_and_what_is_doubtful_is_said(name, tmp_path, monkeypatch):
     monkeypatch.setattr(libraries, "read_apart", read_here)
-    require_motion(makers.needed(SAID[name]), tmp_path)
+    found = require_motion(makers.needed(SAID[name]), tmp_path)
+    if name.startswith("times beside"):
+        assert np.array_equal(found.time, 5 + T)
 
 
 def test_a_rotation_that_opensim_has_printed():

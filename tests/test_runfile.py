@@ -286,6 +286,11 @@ LOADS = {
         f'kind = "constant"\n{F}moment = [1, 2, 3]\nstart = 0.25\nend = 0.5',
         pulse([1, 2, 3], 0.25, 0.5, shape="rectangle", frame="space"),
     ),
+    "damping, sine": (
+        'kind = "damping"\ncoefficient = [1, 2, 3]\n[[load]]\nkind = "sine"\nframe = "body"\n'
+        "amplitude = [1, 2, 3]\nfrequency = 2\nphase = 0.3\nscale = -1",
+        nt.damping([1, 2, 3]) - nt.sine([1, 2, 3], 2, phase=0.3),
+    ),
     "half-sine": (
         f'kind = "pulse"\n{F}amplitude = [1, 2, 3]\nstart = 0.1\nend = 0.7\nshape = "half-sine"',
         pulse([1, 2, 3], 0.1, 0.7, shape="half-sine", frame="space"),
@@ -312,6 +317,7 @@ def test_loads(case, write, tmp_path):
     t = np.array([0.05, 0.1, 0.25, 0.3, 0.49, 0.6, 0.95])
     for frame in ("body", "space"):
         assert found.sample(t, frame) == pytest.approx(expected.sample(t, frame), abs=1e-15)
+    assert np.array_equal(found.damping, expected.damping)
 
 
 WRONG_CSV = {

@@ -110,6 +110,9 @@ def test_the_worst_member_decides():
     assert many.attrs["tolerance"] == 1e-9
     assert many.attrs["error_estimate"] <= 1e-9
     assert np.array_equal(many.time, one.time)
+    shown = nt.simulate_ensemble(BODY, material_angular_velocity=[slow, fast], t_end=2, load=LOAD, store=1)
+    apart = np.diff(shown.time.values).max()
+    assert np.linalg.norm(shown.material_angular_velocity, axis=2).max() * apart <= 0.05
     for member in (1, 2):
         assert np.array_equal(many.quaternion[member], one.quaternion)
     for i, velocity in enumerate((slow, fast)):

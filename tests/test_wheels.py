@@ -8,7 +8,8 @@ from scipy.integrate import solve_ivp
 
 import nontwist as nt
 from conftest import cross, thinned
-from nontwist.errors import SimulationError, SimulationInterrupt, Status
+from nontwist.errors import RunFileError, SimulationError, SimulationInterrupt, Status
+from nontwist.runfile import read_run_file
 from refusals import refused_as, warned
 
 RPM = 2 * np.pi / 60
@@ -145,6 +146,40 @@ def test_skew_wheels_move_the_body_as_scipy_finds(rubs):
         assert run.wheel_loss.values == pytest.approx(expected[:, 7:], abs=1e-8)
         balance = run.total_kinetic_energy - (run.wheel_work - run.wheel_loss).sum("wheel")
         assert np.ptp(balance.values) < 1e-9
+
+
+@pytest.mark.parametrize(
+    ("how", "near"),
+    [
+        ({"integrator": "gauss", "order": 8, "step": 0.01}, 1e-12),
+        ({"integrator": "lie-midpoint", "step": 0.01}, 2e-5),
+        ({"integrator": "energy-momentum", "step": 0.01}, 2e-5),
+        ({"integrator": "continuous"}, 1e-11),
+    ],
+)
+def test_works_of_motors_between_steps(how, near):
+    times = 0.533, 1.707, 3.133, 5.0
+    run = nt.simulate(nt.standard(J), times=times, load=SKEW, material_angular_velocity=W0, **how)
+    assert run.wheel_work.values == pytest.approx(reference(*times)[:, 5:7], abs=near)
+
+
+@pytest.mark.parametrize(
+    ("load", "words"),
+    [
+        (
+            'kind = "wheel", axis = "z", inertia = 6',
+            r"load: 1 tables \(the inertia of a body includes that of its wheels",
+        ),
+        ('kind = "wheel", axis = "z", inertia = 0.2, coulomb = -1', r"load\.0\.coulomb"),
+        ('kind = "dry_friction", limit = -1', r"load\.0\.limit"),
+    ],
+)
+def test_run_files_name_what_cannot_be(load, words, write):
+    text = (
+        'body = {{ kind = "standard", inertia = [3, 4, 5] }}\ntime = {{ t_end = 1, step = 0.1 }}\nload = [{{ {} }}]\n'
+    )
+    with pytest.raises(RunFileError, match=words):
+        read_run_file(write(text.format(load)))
 
 
 @pytest.mark.parametrize(("scheme", "order"), [*SCHEMES, ("gauss", 4)])

@@ -4,7 +4,7 @@ import ctypes
 import multiprocessing
 import os
 import sys
-from concurrent.futures import ProcessPoolExecutor
+import traceback
 from functools import cache
 from multiprocessing import forkserver
 from multiprocessing.connection import wait
@@ -36,9 +36,22 @@ def child(function, *arguments):
 
 def answer(function, *arguments):
     """Return what `function` returns in a process of its own, which must end by itself."""
-    _start_server()
-    with ProcessPoolExecutor(1, CONTEXT) as one:
-        return one.submit(function, *arguments).result()
+    ours, theirs = CONTEXT.Pipe(duplex=False)
+    process = child(_answering, theirs, function, arguments)
+    theirs.close()
+    wait([ours, process.sentinel])
+    result, failure = ours.recv() if ours.poll() else (None, "the process ended without an answer")
+    process.join()
+    assert failure is None, failure
+    assert process.exitcode == 0, f"the process ended with {process.exitcode}"
+    return result
+
+
+def _answering(pipe, function, arguments):
+    try:
+        pipe.send((function(*arguments), None))
+    except BaseException:
+        pipe.send((None, traceback.format_exc()))
 
 
 def happened(process, event):

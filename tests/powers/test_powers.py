@@ -34,6 +34,7 @@ def test_nearly_all_calls_are_made():
         ("float, 1 numbers |2| +1.00000000", "float, 1 numbers |2| -1.00000000", False),
         ("float, 1 numbers |2| +1.00000000", "int, 1 numbers |2| +1.00000000", False),
         ("ValueError: one", "ValueError: two", True),
+        ("ValueError: one", "TypeError: one", False),
         ("ValueError: one", "bool True", False),
         ("exit 2: one", "exit 3: one", False),
         ("exit 0; prints", "exit 0; prints; run.nc: written", False),

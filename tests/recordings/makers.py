@@ -388,6 +388,7 @@ class Made:
     encoding: str
     inner: str
     says: str
+    missing: int
 
     def write(self, folder):
         """Write it into a folder and return the path to read."""
@@ -400,12 +401,22 @@ class Made:
 
 
 def made(
-    content, file="a.csv", truth=R, times=T, within=5e-10, exact=True, encoding="utf-8", inner="", says="", **options
+    content,
+    file="a.csv",
+    truth=R,
+    times=T,
+    within=5e-10,
+    exact=True,
+    encoding="utf-8",
+    inner="",
+    says="",
+    missing=0,
+    **options,
 ):
     """Return a recording; columns are a table in CSV, with their time before them."""
     if isinstance(content, dict):
         content = text({"time": T, **content})
-    return Made(content, file, options, truth, times, within, exact, encoding, inner, says)
+    return Made(content, file, options, truth, times, within, exact, encoding, inner, says, missing)
 
 
 # the library that writes and reads a format, by its suffix; folders are bags

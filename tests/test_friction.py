@@ -83,6 +83,25 @@ def drive(t):
     return np.array([0.9 * np.sin(1.3 * t), 0.4 * np.cos(t), 0.3])
 
 
+def test_a_body_that_turns_about_the_other_axes_sticks_and_slides_in_both_schemes():
+    """By `gauss` as SciPy has it: test_dry_wheels."""
+    about, times = np.array([1, 2, 2]) / 3, np.linspace(0, 12, 25)
+    how = {"load": nt.body_moment(drive) + nt.dry_friction(0.6, about), "step": 0.025, "times": times}
+    found = [
+        nt.integrate(nt.standard(J), material_angular_velocity=(0.2, 0.3, 0.1), integrator=scheme, **how)
+        for scheme in SCHEMES
+    ]
+    for run in found:
+        momentum, energy = run.observables(["spatial_momentum", "kinetic_energy"]).values()
+        assert abs(np.diff(momentum, axis=0) - np.diff(times)[:, None] * run.moment).max() < 1e-13
+        assert abs(np.diff(energy) - run.load_work).max() < 1e-13
+        assert (run.sticking == (abs(run.material_angular_velocity @ about) < 1e-12)).all()
+        assert set(run.sticking.tolist()) == {0, 1}
+        assert (run.dissipated_energy >= -1e-15).all()
+    one, other = (run.material_angular_velocity for run in found)
+    assert abs(one - other).max() < SCHEMES["lie-midpoint"] * 0.025**2
+
+
 def test_a_tumbling_body_comes_to_rest_along_a_principal_axis():
     """Without an axis the direction of w turns without end as it vanishes; friction takes the whole energy."""
     W = np.array([1.0, 0.5, -0.7])

@@ -18,6 +18,7 @@ from nontwist.driver.ensembles import jacobian_of
 from nontwist.engine.marching import Step, Text, turned_by_half
 from nontwist.engine.records import State
 from nontwist.errors import SimulationError
+from nontwist.geometry.attitudes import BASIS
 from nontwist.integrators import EnergyMomentum, LieMidpoint
 from nontwist.integrators.compiled import Compiled
 from nontwist.kernels.vectors import compensated, cross
@@ -178,7 +179,9 @@ def test_differentiated_balances(kind, scheme, order):
     system, steps = test_derivatives.SYSTEMS["heavy" if kind == "heavy" else "standard"], 1000
     loads = {"potential": nt.potential(FIELD, linear=LINE, quadratic=Q), "orbit": nt.gravity_gradient(*ORBIT)}
     how = {"t_end": steps * 0.1, "step": 0.1, "integrator": scheme, "order": order, "load": loads.get(kind), **START}
-    d = nt.sensitivities(system, wrt=["rotation", "material_angular_velocity"], **how)
+    has_inertia = kind in ("standard", "heavy")
+    d = nt.sensitivities(system, wrt=["rotation", "material_angular_velocity", *["inertia"] * has_inertia], **how)
+    dJ = np.concatenate([np.zeros((6, 3, 3)), *[BASIS] * has_inertia])
     W, dW, delta = d.material_angular_velocity.values, d.d_material_angular_velocity.values, d.d_rotation.values
     turned, angle = Rotation.from_quat(d.quaternion.values), MOTION * d.time.values[:, None]
     R, back, o = turned.as_matrix(), turned.inv(), np.zeros(3)
@@ -191,13 +194,14 @@ def test_differentiated_balances(kind, scheme, order):
         by_turn = np.cross(LINE + gamma @ Q, gamma)
     by_velocity = (W - o) @ J
     change = np.einsum("ti,tip->tp", by_turn, delta) + np.einsum("ti,tip->tp", by_velocity, dW)
+    change += np.einsum("ti,pij,tj->tp", W, dJ, W) / 2
     sizes = abs(by_turn).max() * abs(delta).max() + abs(by_velocity).max() * abs(dW).max()
     if order:
         assert abs(change - change[0]).max() <= 1e-13 * sizes * np.sqrt(steps)
     else:
         assert d.kinetic_energy.values[-1] < 0.995 * d.kinetic_energy.values[0]
     if kind == "standard":
-        spatial = R @ (np.cross(delta, (W @ J)[:, :, None], axis=1) + J @ dW)
+        spatial = R @ (np.cross(delta, (W @ J)[:, :, None], axis=1) + J @ dW + np.einsum("pij,tj->tip", dJ, W))
         sizes += abs(W @ J).max() * abs(delta).max()
         assert abs(spatial - spatial[0]).max() <= 1e-13 * sizes * np.sqrt(steps)
 

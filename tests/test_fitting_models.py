@@ -410,6 +410,23 @@ def test_free_motion_is_found_between_hands(tmp_path, case):
         assert fit.table()["damping"].endswith(" s⁻¹, of the sum of the moments")
 
 
+def test_a_throw_is_found_that_turns_less_than_the_windows_that_are_tried_first():
+    """The body turns by 2.4 rad, while hands turn it by 50 rad."""
+    away, rng = np.arange(1, 1501) / 1000, np.random.default_rng(1)
+    free = recorded(
+        nt.standard(SAT), 0.2, (6, -4, 9.6), sensor={"rate": 1000, "noise": 3e-5, "seed": 1}
+    ).gyroscope.values
+    near = np.clip(1 - away / 0.05, 0, 1)[:, None]
+    before, after = (
+        near * W + (1 - near) * 16 * np.sin(rng.uniform(8, 25, 3) * away[:, None] + rng.uniform(0, 7, 3))
+        for W in (free[0], free[-1])
+    )
+    rates = np.concatenate([before[::-1], free, after])
+    fit = nt.fit_inertia((np.arange(len(rates)) / 1000, rates))
+    assert fit.parts[0].time[[0, -1]] == pytest.approx([1.5, 1.7], abs=0.03)
+    assert farthest(fit, SAT / np.trace(SAT)) < 4
+
+
 def test_a_speed_has_four_times_as_many_knots_as_its_readings_ask_for():
     t = np.linspace(0, 1, 401)
     assert [len(as_speed(t, one).knots) for one in (3 + t, abs(t - 0.25), np.sin(90 * t))] == [2, 17, 65]

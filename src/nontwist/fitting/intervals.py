@@ -15,7 +15,7 @@ All this is done with means of samples over turns of `THIN`, which differ from W
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -137,9 +137,9 @@ class Search:
             begun = self.grown(0, min(int(np.searchsorted(self.angle, self.seed)) + FEWEST, every[1]), EXPLAINED)
             if begun == every or (begun is not None and self.grown(*every, EXPLAINED) is not None):
                 return every, "the whole recording is one motion"
-        seeds = list(self.windows())
-        for explained in (EXPLAINED, np.inf):
-            if (longest := self.longest(seeds, explained)) is not None:
+        seeds = list(self.windows(self.seed))
+        for windows, explained in ((seeds, EXPLAINED), (seeds, np.inf), (self.windows(self.seed / 2), EXPLAINED)):
+            if (longest := self.longest(windows, explained)) is not None:
                 return longest, "the smallest residual"
         what, law = "free motion", "J W' = J W × W"
         if not self.model.is_free:
@@ -150,7 +150,7 @@ class Search:
             "an interval"
         )
 
-    def longest(self, seeds: list[tuple[int, int]], explained: float) -> tuple[int, int] | None:
+    def longest(self, seeds: Iterable[tuple[int, int]], explained: float) -> tuple[int, int] | None:
         """Return the interval in which the body turns most, of those that the first windows grow to."""
         best, tried = (0.0, 0, 0), 0
         for a, b in seeds:
@@ -172,9 +172,8 @@ class Search:
                 return made.misfit
         return np.inf
 
-    def windows(self) -> Iterator[tuple[int, int]]:
-        """Yield windows of `SEED` rad, those first that look like a motion of the model."""
-        seed = self.seed
+    def windows(self, seed: float) -> Iterator[tuple[int, int]]:
+        """Yield windows of `seed` rad, those first that look like a motion of the model."""
         if self.angle[-1] <= seed:
             yield 0, len(self.time)
             return

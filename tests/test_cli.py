@@ -159,6 +159,7 @@ FILES = {
     "run.toml": BODY + TIME,
     "sub/run.toml": BODY + TIME,
     "rest.toml": BODY + REST,
+    "spun.toml": f"{BODY.replace('standard', 'nontwisting')}spin = 0.3\n[[load]]\nkind = 'dry_friction'\nlimit = 1\n{TIME}",
     "bad.toml": f"{BODY}mass = -1\n[bdy]\n",
     "worse.toml": "a: 1",
     "order.csv": "0,0.8,0,0,0.6\n1,0.8,0,0.6,0\n",
@@ -217,6 +218,8 @@ ENDS = {
         compare run.toml --integrator lie-midpoint:4
         compare run.toml --integrator euler
         precision run.toml --set 'integrator.name="exact"'
+        check spun.toml
+        check run.toml --set 'integrator.name="lie-midpoint"' --set 'load=[{{kind="wheel", axis="z", inertia=0.1, viscous=0.1}}]'
         check rest.toml --set time.t_start=1.5
         check rest.toml --set 'start.run="no.nc"'
         check rest.toml --set 'start.run="rest.toml"'

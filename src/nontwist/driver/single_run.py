@@ -18,7 +18,7 @@ from ..analysis.trajectory import Trajectory
 from ..errors import warn
 from ..geometry.arrays import Array
 from ..geometry.attitudes import States
-from ..integrators import IVP, Integrator, SimulationError, SimulationInterrupt, Status, stack_march
+from ..integrators import DEFAULT, IVP, Integrator, SimulationError, SimulationInterrupt, Status, stack_march
 from ..integrators.base import Outcome
 from ..integrators.compiled import Compiled
 from ..integrators.costs import swing_rate
@@ -39,7 +39,7 @@ from .notices import (
     warn_of_cost,
     warn_of_grid,
 )
-from .planning import Plan
+from .planning import Plan, resolve_integrator
 from .starts import AT_REST, Starts
 from .tolerance import First, apart_shown, controlled, finer, first_run
 
@@ -410,7 +410,8 @@ def forecast(prepared: Prepared, members: int | None = None) -> Forecast:
     task = plan.problem(begin, grid, np.array([0, N]))
     cost, problems = notices.run_cost(scheme, task, states), []
     if reason := refusal(scheme, task):
-        problems.append(("integrator", reason))
+        is_taken = refusal(resolve_integrator(DEFAULT, None), task) is None
+        problems.append(("integrator" if is_taken else "load", reason))
     elif reason := notices.excess(cost):
         problems.append(("store", reason))
     swept = None if members is None else notices.members_cost(scheme, task, members, 2).seconds

@@ -85,18 +85,25 @@ def posed(tables: dict[str, Any], folder: Folder, faults: Faults) -> tuple[Probl
             faults.append(Fault("start.run", shown(start.run), "left out: members of a sweep start from numbers"))
         if events:
             faults.append(Fault("event", f"{len(events)} tables", "left out: a sweep looks for no events"))
-    reason = ""
+    reason: Fault | None = None
     if system is not None and len(faults) == before and None not in (start, time, integrator):
         problem = problem_with(system, given | {"load": load} | ({"events": events} if events else {}))
         try:
             return problem, prepared(problem)
         except ValueError as error:
-            reason = f"{len(load.terms)} tables ({error})"
+            reason = misfit(len(tables["load"]), error)
+            if str(error).startswith(integrator.name):
+                reason = Fault("integrator.name", f"{shown(integrator.name)} ({error})", CAPABLE)
     if time is not None:
         _locate(time, system, given, faults)
     if reason and len(faults) == before:
-        faults.append(Fault("load", reason, "loads that go with the body and each other"))
+        faults.append(reason)
     return None
+
+
+def misfit(loads: int, reason: object) -> Fault:
+    """Return the fault of tables of loads that act together."""
+    return Fault("load", f"{loads} tables ({reason})", "loads that go with the body and each other")
 
 
 def _system(body: Body, folder: Folder, faults: Faults) -> DirectorSystem | None:
@@ -386,6 +393,9 @@ def forecast(run_file: RunFile) -> Forecast:
     }
     problems = []
     for name, reason in coming.problems:
+        if name == "load":
+            problems.append(misfit(len(run_file.load), reason))
+            continue
         key, value, accepted = keys[name]
         problems.append(Fault(key, f"{shown(value)} ({reason})", accepted))
     loads = tuple(one.in_words(run_file._folder) for one in run_file.load)

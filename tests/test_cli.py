@@ -159,7 +159,11 @@ FILES = {
     "run.toml": BODY + TIME,
     "sub/run.toml": BODY + TIME,
     "rest.toml": BODY + REST,
-    "spun.toml": f"{BODY.replace('standard', 'nontwisting')}spin = 0.3\n[[load]]\nkind = 'dry_friction'\nlimit = 1\n{TIME}",
+    "spun.toml": "load = [{ kind = 'dry_friction', limit = 1 }]\n"
+    + BODY.replace("standard", "nontwisting")
+    + "spin = 1\n"
+    + TIME,
+    "rubbed.toml": f"load = [{{ kind = 'wheel', axis = 'z', inertia = 0.1, viscous = 0.1 }}]\n{BODY}{TIME}",
     "bad.toml": f"{BODY}mass = -1\n[bdy]\n",
     "worse.toml": "a: 1",
     "order.csv": "0,0.8,0,0,0.6\n1,0.8,0,0.6,0\n",
@@ -219,7 +223,7 @@ ENDS = {
         compare run.toml --integrator euler
         precision run.toml --set 'integrator.name="exact"'
         check spun.toml
-        check run.toml --set 'integrator.name="lie-midpoint"' --set 'load=[{{kind="wheel", axis="z", inertia=0.1, viscous=0.1}}]'
+        check rubbed.toml --set 'integrator.name="lie-midpoint"'
         check rest.toml --set time.t_start=1.5
         check rest.toml --set 'start.run="no.nc"'
         check rest.toml --set 'start.run="rest.toml"'

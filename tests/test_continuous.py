@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 from conftest import BODIES, PAPER_J
 from nontwist import damping, integrate, moment, nontwisting, pulse, resample, simulate, sine, space_moment, standard
 from nontwist.errors import SimulationError, Status
-from nontwist.integrators import Continuous
+from nontwist.integrators import Continuous, continuous
 from refusals import refused_as
 
 FINE = {"rtol": 1e-13, "atol": 1e-14}
@@ -52,6 +52,16 @@ def test_a_run_of_too_many_steps_is_aborted():
     )
     with pytest.warns(UserWarning, match=said), pytest.raises(SimulationError, match=words):
         integrate(standard([3, 4, 5]), **how)
+
+
+def test_a_run_that_is_stuck_where_a_load_jumps_names_the_jump(monkeypatch):
+    monkeypatch.setattr(continuous, "BLOCK", 200)
+    how = {"material_angular_velocity": (1, 0.5, 0.2), "integrator": "continuous"}
+    how["load"] = moment(lambda t, d, w: -np.sign(w))
+    with pytest.raises(SimulationError, match=r"stuck at t = 0\.776.* from 1 to -1 N m.* dry_friction") as info:
+        simulate(standard([3, 4, 5]), times=[0, 20], **how)
+    assert info.value.status == Status.JUMP
+    assert simulate(standard([3, 4, 5]), times=[0, 0.77], **how).time.size == 2
 
 
 @pytest.mark.parametrize("name", ["standard", "nontwisting"])

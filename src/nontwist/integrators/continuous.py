@@ -33,6 +33,8 @@ from .costs import Cost, damping_rate, largest_velocity
 
 MOST = 1e6  # steps of the solver in a run, half an hour
 CHECK_EVERY, PATIENCE = 1000, 1e5  # steps between checks of the progress; steps by which a fast start is over
+LEAP, NEXT = 0.1, 100  # of a moment: what it changes by within so many steps where it jumps
+BLOCK, STUCK = 2000, 1e-6  # steps; of the time left: what a million steps at the pace of these make at least
 TURNED = 6  # integrals of W and of t W, for the work of motors
 DIVERGED = 1e3  # component of a director
 STATE_NS, STEP_NS, STARTS = 100_000, 2_000_000, 2  # of an output, of a step of the solver; steps of its start
@@ -40,6 +42,12 @@ SMALLEST = 1e-292  # tolerance: where it and the value are 0, SciPy's first step
 TOO_FAST = (
     "SciPy's {} would need more than {:g} steps, after {} it has come {:.1e} s far: the body turns or is damped "
     "too fast"
+)
+JUMPS = (
+    "SciPy's {} is stuck at t = {:.9g} s, in steps of about {:.0e} s, as moments jump with the state there, one of "
+    "them from {:.4g} to {:.4g} N m; end the run a few steps before with events= and continue it on the other side, "
+    "choose the moment of each step with stepper, use dry_friction for friction, or make the law smooth over a scale "
+    "of your choice, as with np.tanh(x / scale)"
 )
 AGAINST_DAMPING = "; the integrator gauss takes damped modes in long steps"
 TURNS = {  # rad that a free body turns in a step are a rtol^(1/p), as measured: a, p
@@ -73,7 +81,7 @@ class Continuous(Integrator):
     Notes
     -----
     A step takes 0.5 to 3 ms. A warning is issued if a run is expected to take more than 10 s. A run is aborted after a
-    million steps, about half an hour.
+    million steps, about half an hour, and where it is stuck because a load jumps with the state.
 
     Examples
     --------
@@ -139,7 +147,7 @@ class Continuous(Integrator):
             rates = _rates(problem, form, np.nextafter(a, b), np.nextafter(b, a), self.method in STABLE)
             times = problem.stored_times[len(states) : np.searchsorted(problem.stored_times, b, side="right")]
             solver = solver_of(self.method)(rates, a, y, b, **how)
-            done = steps = 0
+            done, steps, mark = 0, 0, a
             while solver.status == "running":
                 message = solver.step()
                 steps += 1
@@ -147,6 +155,10 @@ class Continuous(Integrator):
                 if next(taken) > MOST or (steps % CHECK_EVERY == 0 and expected > MOST * (solver.t - a)):
                     remedy = AGAINST_DAMPING * bool(problem.load.damping.any())
                     return failure_of(Status.SOLVER, TOO_FAST.format(self.method, MOST, steps, solver.t - a) + remedy)
+                if steps % BLOCK == 0 and self.method in STABLE and problem.load.depends_on_state:
+                    if reason := self._stuck(solver, (solver.t - mark) / BLOCK, slice(size, size + 3)):
+                        return failure_of(Status.JUMP, reason)
+                    mark = solver.t
                 if solver.status == "failed":
                     return failure_of(Status.SOLVER, f"SciPy's {self.method} gave up: {message}")
                 until = int(np.searchsorted(times, solver.t, side="right"))
@@ -163,6 +175,15 @@ class Continuous(Integrator):
         except KeyboardInterrupt as stop:
             failure = failure_of(Status.INTERRUPTED, str(stop))
         return _march(problem, form, np.array(states).reshape(-1, len(y)), size, failure)
+
+    def _stuck(self, solver: Any, pace: float, moment: slice) -> str:
+        """Return what to say of steps that lead nowhere, this long, where moments jump between the next few of them."""
+        near = [solver.fun(solver.t, solver.y + s * NEXT * pace * solver.f)[moment] for s in (-1, 1)]
+        k = int(np.argmax(abs(near[1] - near[0])))
+        is_smooth = abs(near[1] - near[0])[k] <= LEAP * max(abs(near[0]).max(), abs(near[1]).max())
+        if is_smooth or pace * MOST > STUCK * (solver.t_bound - solver.t):
+            return ""
+        return JUMPS.format(self.method, solver.t, pace, near[0][k], near[1][k])
 
 
 def solver_of(method: str) -> Any:

@@ -86,7 +86,7 @@ def posed(tables: dict[str, Any], folder: Folder, faults: Faults) -> tuple[Probl
         if events:
             faults.append(Fault("event", f"{len(events)} tables", "left out: a sweep looks for no events"))
     reason: Fault | None = None
-    if system is not None and len(faults) == before and None not in (start, time, integrator):
+    if system is not None and integrator is not None and len(faults) == before and None not in (start, time):
         problem = problem_with(system, given | {"load": load} | ({"events": events} if events else {}))
         try:
             return problem, prepared(problem)

@@ -221,6 +221,7 @@ def unlike(form, *names):
     return {"time": T} | {form.format(name, axis): T for name in names for axis in "xyz"}
 
 
+BODIES = ("arm", "leg", "hip")
 LATE, ABC = 4_000_000_000 + 16_667 * np.arange(N), {"columns": ["a", "b", "c"]}
 RPY = "t,roll,pitch,yaw\n0,1,2,3\n1,1,2,3\n"
 
@@ -236,6 +237,8 @@ REFUSED = {
     "a gyroscope": no("gyroscope-alone", gyroscope(), gyroscope="Gyr_X, Gyr_Y, Gyr_Z"),
     "markers": no("markers", unlike("{}{}", "Elbow ", "ARM_", "wrist."), markers="Elbow, ARM, wrist"),
     "numbered markers": no("markers", unlike("{1}{0}", *"123"), markers="1, 2, 3"),
+    "markers of OpenSim": no("markers", unlike("{1}{0}", *range(11, 34)), markers=", ".join(map(str, range(11, 34)))),
+    "no markers, but angles": no("no-orientation", unlike("{} {} (mm)", *BODIES) | unlike("{} R {} (deg)", *BODIES)),
     "no markers": no("no-orientation", unlike("{}_{}", "pos", "vel", "force")),
     "sensors": no("no-orientation", unlike("{}_{}", "Acc", "Mag", "a", "LinearAcceleration", "Elbow")),
     "numbers of devices": no("several-sensors", {"device": [1.0, 2.0] * 30, "t": T,

@@ -19,7 +19,7 @@ import re
 from array import array
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from itertools import islice
+from itertools import accumulate, islice
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -178,8 +178,12 @@ def _headers(above: Sequence[str], separator: str | None, row: Sequence[str]) ->
     if told:
         names = _cleaned(told[-1], separator, len(row))
         filled = max((k + 1 for k, one in enumerate(row) if one), default=0)
-        full = [name for name in names if name]
-        names = full if len(full) == filled < len(names) else names  # Qualisys: two tabs between two bodies
+        if (
+            sum(map(bool, names)) == filled < len(names)
+        ):  # Qualisys: two tabs between two bodies; Shimmer: one at the end
+            units, names = ([one for one, name in zip(line, names, strict=False) if name] for line in (units, names))
+        if len(names) == 1 < filled:  # a title, as of CCSDS and STK
+            return None
         names = _with_bodies(told[:-1], names, separator)
         if filled > len(names):
             raise InputError("more-fields", headers=len(names), fields=len(row))
@@ -204,9 +208,12 @@ def _with_bodies(above: Sequence[str], names: list[str], separator: str | None) 
             body, name = (start, name[len(start) + 1 :]) if start else (body, name)
             joined.append(f"{body} {name}".strip())
         return joined
-    rows = [row for row in rows if len(row) == len(names)]
-    if len(set(names)) == len(names) or len(rows) < 3:
+    rows = [row for row in rows if len(row) == len(names) and sum(map(bool, row)) > 1]
+    if len(set(names)) == len(names) or not rows:
         return names
+    if len(rows) < 3:  # a name stands above the first of its columns, as Vicon writes it
+        filled: Iterable[str] = accumulate(rows[-1], lambda before, own: own or before)
+        return [f"{body} {name}".strip() for body, name in zip(filled, names, strict=True)]
     bodies = next((row for row in rows if "Name" in row[:2]), rows[1])
     all_names = zip(bodies, rows[-1], names, strict=True)
     return [f"{body} {kind} {name}".strip() if kind else name for body, kind, name in all_names]
@@ -234,6 +241,9 @@ def _rows(
         elif line.strip(blank):
             places.append(k)
             is_split |= line.count('"') % 2 == 1  # a field of several lines: rows are not lines
+            last = line
+    if places and not re.search(r"\d", last) and len(fields_of(last, separator)) < len(names):  # END, DATA_STOP
+        comments.append(places.pop())
     encoding = _encoding(content)
     if comments:
         kept, first = set(places), 0

@@ -13,7 +13,7 @@ from collections import defaultdict
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from datetime import date
+from datetime import date, timedelta
 from typing import Any
 
 import numpy as np
@@ -108,6 +108,8 @@ def _found(table: Table, how: ReadOptions, notes: list[str]) -> Clock:
             raise one
         else:
             notes.append(ignored(f"the column {h!r}", None))
+    if len(read) > 1:  # what does not change is no time
+        read = {h: one for h, one in read.items() if np.diff(np.asarray(one.time)).any()} or read
     for rank in (1, 2):
         stated = {} if read else {h: one for h, one in tried(rank) if isinstance(one, Clock) and _increases(one)}
         read = read or (stated if _agree(stated) else {})
@@ -176,6 +178,8 @@ def words_of(header: str) -> tuple[list[str], str | None]:
 def _rank(header: str) -> int | None:
     """Return how surely a header is of a time: 0 by its name, 1 by name and unit, 2 by a unit, 3 as it may be one."""
     words, unit = words_of(re.sub(r"^.*\.(?=\D)", "", header))  # in a structure, as data.time
+    if re.search("deg|[°℃]", (unit or "").lower()):  # a temperature or an angle
+        return None
     all_words, seconds = set(words), known(unit, TIME)
     is_told = unit is None or seconds or unit.lower() in ("txt", "text", "iso", "utc") or len(words) == 1
     is_named = TIMES & all_words or ("elapsed" in words and seconds)
@@ -205,6 +209,8 @@ def _agree(read: dict[str, Clock]) -> bool:
     """Whether columns tell the same intervals as the first, within a hundredth of one."""
     times = [np.asarray(one.time) for one in read.values()]
     for other in times[1:]:
+        if len(other) != len(times[0]):
+            return False
         good = np.isfinite(times[0]) & np.isfinite(other)
         a, b = (one[good] - one[good][:1] for one in (times[0], other))
         if a.size < 2 or abs(a - b).max() > 0.01 * np.median(abs(np.diff(a))) * max(1.0, a.size / 100):
@@ -348,6 +354,7 @@ def _dates(values: NDArray[Any], name: str) -> tuple[NDArray[Any], str, str]:
         order = f", {'day/month' if above[0] else 'month/day'}/year, as the numbers above 12 show"
     for written, iso in (
         (r"^(\d{4})/(\d\d)/(\d\d)", r"\1-\2-\3"),
+        (r"^(\d{4})-(\d{3})(?=T)", lambda day: f"{date(int(day[1]), 1, 1) + timedelta(int(day[2]) - 1)}"),
         (r"^(\d\d?)\.(\d\d?)\.(\d{4})(?=\D|$)", r"\3-\2-\1"),
         (r"^(\d\d?)/(\d\d?)/(\d{4})(?=\D|$)", r"\3-\2-\1" if order.startswith(", day") else r"\3-\1-\2"),
         (r"(?<=:\d\d),(?=\d)", "."),

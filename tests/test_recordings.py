@@ -248,6 +248,7 @@ REFUSED = {
     "three of four": no("three-of-four", "qw,qx,qy\n1,0,0\n1,0,0\n", three="qw, qx, qy", fourth="qz"),
     "numbers of a quaternion": no("scalar-unknown", quaternion("q1 q2 q3 q4")),
     "no unit of time": no("no-time-unit", beside(time=20 * np.arange(N)), name="time", step=20),
+    "ms with decimals": no("no-time-unit", beside(time=0.25 + 16.7 * np.arange(N)), name="time"),
     "ticks": no("no-time-unit", beside(SampleTimeFine=np.arange(N)), name="SampleTimeFine"),
     # Movella DOT, an hour after it was switched on: no seconds since 1970
     "late ticks": no("no-time-unit", beside(SampleTimeFine=LATE), step=16_667),

@@ -109,7 +109,7 @@ SENTENCES |= {
     "more-fields": "there are {headers} headers, but {fields} fields in the first row of numbers",
     "fields": "{place} does not have the {count} fields of the first; correct or delete it",
     "row-length": "{place} of the {what} has {count} numbers instead of {width}",
-    "no-headers": "no headers are above the numbers; of {count} columns name those to use, from 1: {option[columns]}",
+    "no-headers": "it has no headers; of {count} columns name those to use, from 1: {option[columns]}",
     "no-column": "there is no column {name!r}; there are {names}",
     "no-columns": "it has no columns; {option[body]} names what to take",
     "not-a-number": "{what} holds {value!r} in {place}, which is not a number; correct or delete it",

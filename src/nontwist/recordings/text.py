@@ -39,6 +39,7 @@ SCALES = {"t": ("tscale", "s"), "g": ("gscale", "rad/s"), "a": ("ascale", "g"), 
 _COMMA, _POINT = (re.compile(rf"[-+]?\d+{mark}\d+(e[-+]?\d+)?", re.IGNORECASE) for mark in (",", r"\."))
 _UNSURE = re.compile(r"[-+]?[1-9]\d{0,2}[.,]\d{3}")  # perhaps thousands
 FEW = 3  # different numbers with such a mark, and as many below 1000 without one, are thousands
+MISSING = {"NA", "N/A", "#N/A", "<NA>", "NULL", "null", "None"}  # as R and others write it, and pandas reads it
 _RECORD = re.compile(r"\$?[A-Z]\w*(,|$)")
 _FACTOR = re.compile(r"(?i)\b(lsb|scale|sensitivity|factor)")
 
@@ -158,7 +159,7 @@ def _first_row(lines: Sequence[str], told: Sequence[int]) -> int | None:
     while first is not None and first - 1 in told:
         separator = _separator(lines[first])
         above = fields_of(lines[first - 1], separator)
-        numbers = [_is_number(field) for field in above if field]
+        numbers = [field in MISSING or _is_number(field) for field in above if field]
         dates = [sum(map(str.isdigit, field)) >= DIGITS for field in above if field]
         is_row = any(numbers) and all(map(max, numbers, dates))
         if not is_row or len(above) != len(fields_of(lines[first], separator)):

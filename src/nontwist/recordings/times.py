@@ -23,14 +23,16 @@ from ..errors import InputError, InputWarning
 from ..geometry.arrays import Array, as_floats, as_plain
 from ..geometry.values import counted
 from ..units import TIME, known, split_unit
+from .headers import GYROSCOPE, sensors
 from .options import ReadOptions
 from .table import Table, listed, number, place
 
 EPOCH = (3e8, 4.2e9)  # s since 1970 that are taken for dates: 1979 to 2103
 RARE = 60.0  # s between samples; what lies further apart as seconds since 1970 are ticks
+MONTHS = "janfebmaraprmayjunjulaugsepoctnovdec"
 FINE = 1e-4  # days between samples at most, else they are no days but seconds of a clock that is as fine
 WIDE = 1.5  # of the usual step of a counter: beyond it samples are lost
-COARSE = 5.0  # whole numbers without a unit that are as far apart are not seconds
+COARSE = 5.0  # numbers without a unit that are as far apart are not seconds, but that a gyroscope may tell it
 # Words of times, and words that may be beside them; words of numbers of samples.
 TIMES = {"t", "time", "timestamp", "stamp", "datetime", "seconds", "secs", "sec", "epoch", "epoc", "datenum"}
 TIMES |= {"zeit", "temps", "tiempo", "tempo", "tijd"}
@@ -303,7 +305,8 @@ def read_times(table: Table, name: str, unit: str | None) -> Clock:
     if scale is None:
         is_tick = tuple(words) in TICKS
         date = None if is_tick else next((one for one in SINCE if _is_date(first, step, *SINCE[one])), None)
-        if date is None and (is_tick or (step >= COARSE and bool((finite == np.round(finite)).all()))):
+        is_coarse = step >= COARSE and ((finite == np.round(finite)).all() or not sensors(table.headers, GYROSCOPE))
+        if date is None and (is_tick or is_coarse):
             raise InputError("no-time-unit", name=name, step=step)
         scale, zero = (_scale(stated, name) or 1.0, 0.0) if date is None else SINCE[date]
     symbol = next((symbol for symbol, one in TIME.items() if one == scale), f"counts of {scale:g} s")
@@ -354,7 +357,8 @@ def _dates(values: NDArray[Any], name: str) -> tuple[NDArray[Any], str, str]:
         order = f", {'day/month' if above[0] else 'month/day'}/year, as the numbers above 12 show"
     for written, iso in (
         (r"^(\d{4})/(\d\d)/(\d\d)", r"\1-\2-\3"),
-        (r"^(\d{4})-(\d{3})(?=T)", lambda day: f"{date(int(day[1]), 1, 1) + timedelta(int(day[2]) - 1)}"),
+        (r"^(\d\d?)-([A-Z][a-z]{2})-(\d{4})(?=\D|$)", _of_month),
+        (r"^([12]\d{3})-(\d{3})(?=T)", lambda day: f"{date(int(day[1]), 1, 1) + timedelta(int(day[2]) - 1)}"),
         (r"^(\d\d?)\.(\d\d?)\.(\d{4})(?=\D|$)", r"\3-\2-\1"),
         (r"^(\d\d?)/(\d\d?)/(\d{4})(?=\D|$)", r"\3-\2-\1" if order.startswith(", day") else r"\3-\1-\2"),
         (r"(?<=:\d\d),(?=\d)", "."),
@@ -370,6 +374,10 @@ def _dates(values: NDArray[Any], name: str) -> tuple[NDArray[Any], str, str]:
         if is_duration.all():
             return pandas.to_timedelta(texts).to_numpy(), name, order
     raise InputError("not-a-time", name=name, value=values.tolist()[is_duration.argmin()])
+
+
+def _of_month(day: re.Match[str]) -> str:
+    return f"{day[3]}-{MONTHS.find(day[2].lower()) // 3 + 1:02}-{int(day[1]):02}"
 
 
 def _of_24_hours(time: re.Match[str]) -> str:

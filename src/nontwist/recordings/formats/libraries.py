@@ -62,7 +62,8 @@ INSIDE = ("pose", "orientation", "quaternion", "transform", "rotation")
 FRAME = "J2000"
 MOST = 10_000_000  # samples
 JOINTS = ("poses", "pose", "body_pose", "pose_body", "root_orient", "global_orient")  # SMPL, AMASS
-RATES = ("mocap_framerate", "mocap_frame_rate", "framerate", "frame_rate", "fps", "rate", "frequency")
+RATES = {"mocap_framerate", "mocap_frame_rate", "framerate", "frame_rate", "fps", "rate", "frequency"}
+RATES |= {"sampling_rate", "sample_rate", "samplerate", "fs"}
 LARGEST = 4_000_000_000  # bytes of an array of MATLAB
 HELP = "save numeric arrays with save('name.mat', ..., '-v7'), or a table with writetable"
 

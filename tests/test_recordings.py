@@ -269,6 +269,7 @@ REFUSED = {
     "which vector": no("which-angles", "a,b,c\n0,1,2\n", how={"rotation_vector": True}),
     "fields": no("fields", "t,qw,qx,qy,qz\n0,1,0,0,0\n0,1,0,0,0,7,8\n"),
     "more fields": no("more-fields", "qw,qx,qy,qz\n0,1,0,0,0\n"),
+    "fewer fields": no("more-fields", "t,qw,qx,qy,qz\n" + "0,1,0,0\n" * 3, headers=5, fields=4),
     "two quaternions": no("several-orientations", "qw,qx,qy,qz,qw,qx,qy,qz\n" + "1,0,0,0,1,0,0,0\n" * 2),
     **{f"thousands of ms, {one}": no("not-a-time",
         beside(time_ms=[f"{1000 + 20 * k:,}".replace(",", one) for k in range(N)]), value=f"1{one}000")

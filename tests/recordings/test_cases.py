@@ -255,6 +255,8 @@ SIBLINGS = {
     **{f"MATLAB, arrays of other lengths beside {name}": made(partial(makers.mat, arrays={"t": T, "t0": 0.0,
         "EMG": np.ones(70), **arrays}), "a.mat", scalar_first=True)
        for name, arrays in {"columns": quat("q{}", "0123"), "a quaternion": {"q": makers.WXYZ}}.items()},
+    "MATLAB, samples in columns": made(partial(makers.mat, arrays={"t": T, "orient": makers.WXYZ.T, "gyr": GYR.T,
+        "P": np.repeat(np.eye(4)[:, :, None], N, 2)}), "a.mat", body="orient", says="agreement with the gyroscope"),
     "C3, lost packets": made(text({"PacketCounter": KEPT, **quat("q{}", values=makers.WXYZ[KEPT])}), truth=R[KEPT],
         times=None, says="numbers 5 samples .* before line 22; rate="),
 }  # fmt: skip

@@ -106,7 +106,7 @@ SENTENCES |= {
     "comments-only": "the file has comments only; below them it must contain headers and rows",
     "records": "it is a log of records ({kinds}): copy the rows of one kind into a CSV file, with headers above",
     "empty-fields": "blanks do not show which of {headers} headers lack a field in a row of {fields}; use commas",
-    "more-fields": "there are {headers} headers, but {fields} fields in the first row of numbers",
+    "more-fields": "there are {headers} headers, but {fields} fields in a row of numbers",
     "fields": "{place} does not have the {count} fields of the first; correct or delete it",
     "row-length": "{place} of the {what} has {count} numbers instead of {width}",
     "no-headers": "it has no headers; of {count} columns name those to use, from 1: {option[columns]}",

@@ -235,16 +235,18 @@ def _rows(
     import pandas
 
     blank = "".join({*"\r\n \t"} - {separator})
-    places, comments, is_split = array("q"), list[int](), False
+    places, comments, is_split, widest = array("q"), list[int](), False, 0
     for k, line in islice(enumerate(opened(content), 1), first, None):
         if _is_comment(line):
             comments.append(k)
         elif line.strip(blank):
             places.append(k)
             is_split |= line.count('"') % 2 == 1  # a field of several lines: rows are not lines
-            last = line
+            last, widest = line, max(widest, 1 + line.count(separator or " "))
     if places and not re.search(r"\d", last) and len(fields_of(last, separator)) < len(names):  # END, DATA_STOP
         comments.append(places.pop())
+    if separator is not None and 0 < widest < len(names):
+        raise InputError("more-fields", headers=len(names), fields=widest)
     encoding = _encoding(content)
     if comments:
         kept, first = set(places), 0

@@ -242,7 +242,9 @@ def _rows(
         elif line.strip(blank):
             places.append(k)
             is_split |= line.count('"') % 2 == 1  # a field of several lines: rows are not lines
-            last, widest = line, max(widest, 1 + line.count(separator or " "))
+            last = line
+            if widest < len(names):
+                widest = max(widest, 1 + line.count(separator or " "))
     if places and not re.search(r"\d", last) and len(fields_of(last, separator)) < len(names):  # END, DATA_STOP
         comments.append(places.pop())
     if separator is not None and 0 < widest < len(names):

@@ -1,6 +1,7 @@
 """compare: orders, errors against closed forms, what is kept, failures that stop nothing; its tables and its figure."""
 
 import re
+from contextlib import nullcontext
 from functools import partial
 
 import numpy as np
@@ -224,6 +225,14 @@ def printed(what):
     with console.capture() as capture:
         console.print(what)
     return capture.get()
+
+
+def test_the_progress_is_the_share_of_runs(monkeypatch):
+    seen = list[float]()
+    monkeypatch.setattr("nontwist.comparison.comparing.progress_bar", lambda *a: nullcontext(seen.append))
+    body = nt.nontwisting([3, 4, 5])
+    compare(body, t_end=1, integrators=["gauss", "exact"], steps=[0.1, 0.05], progress=True, angular_velocity=(0, 1, 0))
+    assert seen == pytest.approx([0, 1 / 3, 2 / 3])
 
 
 def test_tables(loaded, free):

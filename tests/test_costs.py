@@ -125,6 +125,15 @@ def test_the_cost_counts_substeps_nodes_and_pieces():
     assert rubbed[2] > 2 * rubbed[1]
 
 
+def test_members_side_by_side_take_less_than_one_after_the_other():
+    """Loads in Python are called for each, whatever the threads."""
+    gauss, drawn = INTEGRATORS["gauss"](), problem(FREE, nt.moment(lambda t, d, w: -w))
+    for one, is_less in ((problem(FREE, nt.pulse([1, 0, 0])), True), (drawn, False)):
+        alone, many = gauss.cost(one, 2).seconds, [notices.members_cost(gauss, one, 800, 2, 0, n) for n in (1, 4)]
+        assert (many[0].seconds < 800 * alone / 4) == is_less
+        assert many[0].seconds / many[1].seconds == pytest.approx(4 if is_less else 1)
+
+
 def test_long_or_large_runs_are_announced():
     assert notices.notice(Cost(10, "steps", 10.0, 10**9)) is None
     said(notices.notice(Cost(12_800_000, "steps", 3700.0, 10**6)))

@@ -417,7 +417,8 @@ def test_the_command_writes_pictures_and_those_in_the_dark(runs, folder):
     """And from where it is told."""
     above = ("above.png", "--at", "1.5", "--camera", "0,90", "--width", 1111)
     for name, *options in (("moment.png", "--at", "1.5"), ("dark.png", "--dark"), above):
-        assert ended(0, "view", "free.nc", "--png", name, *options).stderr.startswith(f"written: {name} (")
+        told = ended(0, "view", "free.nc", "--png", name, *options).stderr
+        assert told.startswith(f"written: {name} ({Path(name).stat().st_size / 1000:.0f} kB)")
     assert not Path("free-view.html").exists()
     save_still(runs[:1], "same.png", 1.5, camera=(0, 90), width=1111)
     save_still(runs[:1], "other.png", 1.5, width=1111)

@@ -305,6 +305,7 @@ def test_files_say_what_they_are(tmp_path):
     for source, code, how in (
         (bare, "no-unit", {}),
         (bare, "unit", {"unit": "furlongs"}),
+        (bare, "no-bodies", {"unit": "deg/s", "body": "thigh"}),
         (named, "no-gyroscope", {}),
         (named, "no-column", {"columns": ["a", "b", "d"]}),
         (timeless, "no-time", {}),

@@ -221,6 +221,7 @@ def unlike(form, *names):
     return {"time": T} | {form.format(name, axis): T for name in names for axis in "xyz"}
 
 
+BODIES = ("arm", "leg", "hip")
 LATE, ABC = 4_000_000_000 + 16_667 * np.arange(N), {"columns": ["a", "b", "c"]}
 RPY = "t,roll,pitch,yaw\n0,1,2,3\n1,1,2,3\n"
 
@@ -236,6 +237,8 @@ REFUSED = {
     "a gyroscope": no("gyroscope-alone", gyroscope(), gyroscope="Gyr_X, Gyr_Y, Gyr_Z"),
     "markers": no("markers", unlike("{}{}", "Elbow ", "ARM_", "wrist."), markers="Elbow, ARM, wrist"),
     "numbered markers": no("markers", unlike("{1}{0}", *"123"), markers="1, 2, 3"),
+    "markers of OpenSim": no("markers", unlike("{1}{0}", *range(11, 34)), markers=", ".join(map(str, range(11, 34)))),
+    "no markers, but angles": no("no-orientation", unlike("{} {} (mm)", *BODIES) | unlike("{} R {} (deg)", *BODIES)),
     "no markers": no("no-orientation", unlike("{}_{}", "pos", "vel", "force")),
     "sensors": no("no-orientation", unlike("{}_{}", "Acc", "Mag", "a", "LinearAcceleration", "Elbow")),
     "numbers of devices": no("several-sensors", {"device": [1.0, 2.0] * 30, "t": T,
@@ -245,6 +248,7 @@ REFUSED = {
     "three of four": no("three-of-four", "qw,qx,qy\n1,0,0\n1,0,0\n", three="qw, qx, qy", fourth="qz"),
     "numbers of a quaternion": no("scalar-unknown", quaternion("q1 q2 q3 q4")),
     "no unit of time": no("no-time-unit", beside(time=20 * np.arange(N)), name="time", step=20),
+    "ms with decimals": no("no-time-unit", beside(time=0.25 + 16.7 * np.arange(N)), name="time"),
     "ticks": no("no-time-unit", beside(SampleTimeFine=np.arange(N)), name="SampleTimeFine"),
     # Movella DOT, an hour after it was switched on: no seconds since 1970
     "late ticks": no("no-time-unit", beside(SampleTimeFine=LATE), step=16_667),
@@ -265,6 +269,7 @@ REFUSED = {
     "which vector": no("which-angles", "a,b,c\n0,1,2\n", how={"rotation_vector": True}),
     "fields": no("fields", "t,qw,qx,qy,qz\n0,1,0,0,0\n0,1,0,0,0,7,8\n"),
     "more fields": no("more-fields", "qw,qx,qy,qz\n0,1,0,0,0\n"),
+    "fewer fields": no("more-fields", "t,qw,qx,qy,qz\n" + "0,1,0,0\n" * 3, headers=5, fields=4),
     "two quaternions": no("several-orientations", "qw,qx,qy,qz,qw,qx,qy,qz\n" + "1,0,0,0,1,0,0,0\n" * 2),
     **{f"thousands of ms, {one}": no("not-a-time",
         beside(time_ms=[f"{1000 + 20 * k:,}".replace(",", one) for k in range(N)]), value=f"1{one}000")

@@ -333,6 +333,7 @@ def test_compare(here):
         "written: work.svg",
     ]
     assert "integrators compared" in shown.stdout
+    assert [line.split()[0] for line in shown.stdout.splitlines() if re.match("  0", line)] == ["0.1"]
     assert files() == ["run.toml", "work.svg"]
     drawn = ended(0, "compare", "run.toml", *midpoint, "--figure", "steps.svg", "--against", "steps", "--quiet")
     assert drawn.stderr == "written: steps.svg\n"

@@ -355,6 +355,7 @@ def test_overrides(write):
     run_file = read(write, text, *changes)
     assert (run_file.body.kind, run_file.integrator.order, run_file.load[0].coefficient) == ("suslov", 6, 2)
     assert lines(write, text, "body.mas=2")[0].startswith("body.mas: unknown key -> did you mean mass?")
+    assert lines(write, text, "step=0.1")[0].startswith("step: unknown key -> did you mean time.step?")
     assert lines(write, text, "load.0.frequency=2")[0].endswith('; it belongs to kind = "sine"')
     shape = "body.inertia={cuboid={mass=1, lengths=[1, 2, 3], offset=[0, 0, 1]}}"
     (told,) = lines(write, text, shape)

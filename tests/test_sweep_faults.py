@@ -84,6 +84,11 @@ def test_a_killed_worker_loses_no_block(file, tmp_path, serial, client):
     assert is_whole(tmp_path / "store", serial)
 
 
+def test_an_address_without_a_port_is_refused_at_once(file, tmp_path):
+    with pytest.raises(ValueError, match="port"):
+        sweep(file, tmp_path / "store", dask="nowhere")
+
+
 @pytest.mark.long
 def test_a_block_that_always_kills_its_worker(file, tmp_path, serial, client):
     client.register_plugin(Fault(5))

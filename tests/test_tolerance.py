@@ -95,6 +95,7 @@ def test_states_are_close_where_nobody_has_chosen_a_step():
     assert shown.step > 5 * apart
     assert (shown.tolerance, shown.error_estimate <= 1e-8) == (1e-8, True)
     assert len(nt.integrate(BODY, t_end=5).time) > 100  # at rest
+    assert len(nt.integrate(BODY, t_end=5, integrator="lie-midpoint").time) == 101
     run = nt.integrate(BODY, t_end=5, tolerance=1e-8, **W)
     assert np.diff(run.time).max() == pytest.approx(run.step)
     swing = nt.simulate(PENDULUM, t_end=20, rotation=Rotation.from_euler("x", 1e-3))

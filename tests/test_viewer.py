@@ -128,6 +128,8 @@ def test_the_page_says_what_it_shows(free):
         page = content(motion)
         curves = [[each["title"], *(curve["letter"] for curve in each["curves"])] for each in page["panels"]]
         said(json.dumps([page["name"], page["about"], page["watch"], curves], ensure_ascii=False))
+    usual = nt.simulate(nt.nontwisting([3, 4, 5]), t_end=1, step=0.5, angular_velocity=(1, 0, 0))
+    assert [re.findall("about (n|d₃)", content(one)["watch"]) for one in (held, usual)] == [["n"], ["d₃"]]
     assert content(held)["about"]["Body"] == "no spin about the body axis (0, 1, 0); principal moments 3, 4, 5 kg m²"
     assert content(top)["about"]["Body"] == "free to turn; principal moments 1, 2, 2.2 kg m²; gravity"
     assert content(top)["about"]["Integrator"] == "split, order 2, step 0.05 s"

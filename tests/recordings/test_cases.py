@@ -9,6 +9,7 @@ import json
 import re
 from collections.abc import Mapping
 from datetime import UTC, datetime, timedelta
+from functools import partial
 from types import MappingProxyType
 from typing import NamedTuple
 
@@ -189,6 +190,7 @@ CLOCKS = {  # headers and times without a warning
     "time": [f"{d:%I:%M:%S.%f}" for d in DATES], "time_us": (2.0**32 - 500_000 + 1000 * MS) % 2**32, "elapsed_s": T,
     "Time": [f"50:{12.3 + t:05.2f}" for t in T], "Elapsed_ms": MS,
 }  # fmt: skip
+BIAS, DEGREES = 0 * GYR + [0.01, 0.02, 0.07], R.as_rotvec(degrees=True)
 SIBLINGS = {
     **{f"B1 and B11, {header}": made(clocked(header, times, sep=";")) for header, times in CLOCKS.items()},
     "A2, the name as the body": made(IN_TURN, truth=hand(T6), times=T6, body="hand"),
@@ -226,9 +228,35 @@ SIBLINGS = {
     "C1, a header twice": made(twice("{} (deg)", YPR, np.degrees(EULER)), euler="ZYX",
         columns=[f"{name} (deg).1" for name in YPR]),
     "C1, no unit": made(vector("r{}", np.outer(T, [0, 0, 57.3])), rotation_vector=True,
-        truth=Rotation.from_rotvec(np.outer(T, [0, 0, 57.3])), says="67.61 rad long.*angle_unit"),
+        truth=Rotation.from_rotvec(np.outer(T, [0, 0, 57.3])), says="67.61 rad, .*angle_unit"),
     "C2, a matrix beside": made(columns("{} (deg)", YPR, np.degrees(EULER)) | makers.matrix("r{}{}"), euler="XYZ",
         truth=Rotation.from_euler("XYZ", EULER[:, ::-1]), says="ZYX about moving axes.*wrong"),
+    "EuRoC, a bias": made({**PLAIN, **vector("b_w_RS_S_{} [rad s^-1]", BIAS)}, says="^(?!.*no reading)"),
+    "RepoIMU, names above": made(text({"#": T, **quat("{}", "WXYZ"), **vector("{}#", GYR, "XYZ")}, ";",
+        head="Time (s);Vicon Orientation;;;;IMU Gyroscope;;\n").replace("#", ""), says="agreement with the gyroscope"),
+    "Vicon, segments": made(text({"Frame": range(N), "Sub Frame": [0] * N, **vector("R{}", DEGREES, "XYZ"),
+        **vector("R{}#", -DEGREES, "XYZ")}, head="Segments,,,,,,,\n100,,,,,,,\n,,a:arm,,,a:leg,,\n",
+        below=",,deg,deg,deg,deg,deg,deg\n").replace("#", ""), rotation_vector=True, body="a:arm", rate=50),
+    "WitMotion, a temperature": made(text({"Time (s)": T, "T(°)": [25.5] * N, **PLAIN})),
+    "ArduPilot, a temperature": made(text({"timestamp": T, "T": [25.5] * N, **PLAIN})),
+    "STK": made(text({"t": T, **PLAIN}, " ", head="BEGIN Attitude\nAttitudeTimeQuaternions\n", headers=False)
+        + "\nEND Attitude\n", scalar_first=True),
+    "MATLAB, names of months": made(clocked("time", [f"{d:%d-%b-%Y %H:%M:%S.%f}" for d in DATES])),
+    "CCSDS, days of the year": made(clocked("time", [f"{d:%Y-%jT%H:%M:%S.%f}" for d in DATES])),
+    "OpenSim, forces of two plates": made(text({"time": T, **vector("r{}", R.as_euler("XYZ", degrees=True)), "f": T,
+        "f#": T}, "\t", head="inDegrees=yes\nendheader\n").replace("#", ""), "a.mot", columns=["rx", "ry", "rz"],
+        euler="XYZ"),
+    **{f"R, rows of {word} first": made(clocked("time", T[20:], lost(makers.WXYZ, np.nan)[20:]).replace("nan", word),
+        truth=R[20:], times=T[20:], missing=5) for word in ("NA", "null")},
+    "VQF, a sampling rate": made(partial(makers.npz, arrays={"quat": makers.WXYZ, "sampling_rate": 50.0}), "a.npz",
+        scalar_first=True),
+    "OpenSim, degrees said to be rad": made(columns("{} (rad)", YPR, np.degrees(EULER)), euler="ZYX",
+        truth=Rotation.from_euler("ZYX", np.degrees(EULER)), says="152.4 rad, more than a turn"),
+    **{f"MATLAB, arrays of other lengths beside {name}": made(partial(makers.mat, arrays={"t": T, "t0": 0.0,
+        "EMG": np.ones(70), **arrays}), "a.mat", scalar_first=True)
+       for name, arrays in {"columns": quat("q{}", "0123"), "a quaternion": {"q": makers.WXYZ}}.items()},
+    "MATLAB, samples in columns": made(partial(makers.mat, arrays={"t": T, "orient": makers.WXYZ.T, "gyr": GYR.T,
+        "P": np.repeat(np.eye(4)[:, :, None], N, 2)}), "a.mat", body="orient", says="agreement with the gyroscope"),
     "C3, lost packets": made(text({"PacketCounter": KEPT, **quat("q{}", values=makers.WXYZ[KEPT])}), truth=R[KEPT],
         times=None, says="numbers 5 samples .* before line 22; rate="),
 }  # fmt: skip
@@ -261,6 +289,15 @@ RATES = {
     "B10, sibling: counts": (counts(), GYR, r"LSB|0\.0175", 2e-4),
     "B11, x-axis (deg/s)": (text({"time": T, **vector("{}-axis (deg/s)", np.degrees(GYR))}), GYR, "", 1e-9),
     "B11, rad s^-1": (text({"time": T, **vector("w_RS_S_{} [rad s^-1]", GYR)}), GYR, "", 1e-9),
+    "EuRoC, a bias": (text({"time": T, **vector("b_w_RS_S_{} [rad s^-1]", BIAS)}), None, "no columns contain", 0),
+    "Shimmer, tabs at the ends": (
+        text({"t": T, **vector("G{}_C", np.degrees(GYR))}, "\t", below="s" + "\tdeg/s" * 3 + "\n").replace(
+            "\n", "\t\n"
+        ),
+        GYR,
+        "",
+        1e-9,
+    ),
     "units below": (
         text({"time": T, **vector("g{}", np.degrees(GYR))}, head="Trial 7\n", below="(s),(deg/s),(deg/s),(deg/s)\n"),
         GYR,

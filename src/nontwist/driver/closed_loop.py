@@ -30,7 +30,7 @@ from .completion import OVERFLOW
 from .contacts import refusal
 from .grid import NODES_APART
 from .notices import failure_message, say, warn_of_cost
-from .planning import fitting, internal_states, planned, resolve_integrator
+from .planning import internal_states, planned, resolve_integrator
 from .problem import STARTS, OfLoop, OfStart, Problem, part_of, posed
 from .single_run import whole_of
 from .starts import AT_REST, BodyState, starts
@@ -46,7 +46,6 @@ class MarchedStep:
         self.step, self.scheme = step, scheme
         self._failure: Failure | None = None
         self.stack = IVP(stacked(system), np.eye(4)[3:], np.zeros((1, 3)), load, 0.0, step, 1, ENDS, intervals=True)
-        fitting(load, scheme, self.stack.systems)
         if (reason := refusal(scheme, self.stack)) is not None:
             raise ValueError(reason)
         self._own, self._load = sum(one.count for one in load.wheels), commanded(load)

@@ -5,12 +5,13 @@ the attitude p and the sums of an interval as polynomials: a(τ) from the node w
 where it ends. Each is the exact motion through its node, to round-off: as many coefficients are made as that takes. The
 error of the step itself puts them apart, by d in its middle. In between the state passes from one to the other,
 
-    x(τ) = a(τ) + w(τ) (b(1 - τ) - a(τ)),        w = τ⁴ (35 - 84 τ + 70 τ² - 20 τ³),
+    x(τ) = a(τ) + w(τ) (b(1 - τ) - a(τ)),        w = u⁴ (35 - 84 u + 70 u² - 20 u³),        u = 5 τ - 2,
 
-with three continuous derivatives. An invariant is the same along a and b, so along x it is off by d² times its second
-derivative; d up to `LARGEST_MISMATCH` is taken, otherwise the integrator takes substeps. The quaternion is normalised.
-The sums over a whole step are those that the scheme has found, so the balances of a run hold between outputs as they do
-between nodes. As ``1 - w`` is small where a(τ) converges last, coefficients of the size `LAST` are left out.
+with three continuous derivatives, w = 0 where u < 0 and 1 where u > 1. An invariant is the same along a and b, so along
+x it is off by d² times its second derivative; d up to `LARGEST_MISMATCH` is taken, otherwise the integrator takes
+substeps. The quaternion is normalised. The sums over a whole step are those that the scheme has found, so the balances
+of a run hold between outputs as they do between nodes. No series is taken further than the part 0.6 of a step, near
+which its weight is small: coefficients that add `LAST` there are left out.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ from ..engine.records import SUMS, Body, Parts, Sums, offsets_of
 from ..engine.sampling import Nodes
 from ..kernels import machine_code
 from ..kernels.control import Variables, loop, when, whilst
-from ..kernels.elements import larger, select, smaller, sqrt
+from ..kernels.elements import any_of, larger, select, smaller, sqrt
 from ..kernels.kernel import Kernel
 from ..kernels.machine_code import tracer
 from ..kernels.memory import Doubles, View, Wholes, doubles, fields, put, scratch
@@ -32,8 +33,8 @@ from ..kernels.series import Recurrence, Stored
 from ..kernels.vectors import Matrix, Quaternion, Vector, attitude, cross, sum_of, taxicab
 from .gauss_stages import VECTORS, Equations, Now, StageLoads
 
-FEWEST, MORE, MOST = 13, 6, 43  # coefficients: at first, by how many they rise, at most
-LAST, LARGEST_MISMATCH, TINY = 2e-12, 1e-7, 1e-300
+FEWEST, MORE, MOST = 10, 3, 43  # coefficients: at first, by how many they rise, at most
+PART, LAST, LARGEST_MISMATCH, TINY = 0.6, 4e-14, 1e-7, 1e-300
 STATE = 7  # numbers of P and p
 UNTIMED = tuple(range(SUMS.work, SUMS.iterations))  # of which a sum is no mean
 
@@ -258,21 +259,21 @@ class Expansion:
 def find_outputs(parts: Parts, run: View, i: Any, first: Any) -> None:
     """Find the outputs of a member in as many steps as there are lanes, from number `first` on."""
     lanes, count = lanes_of_text(), STATE + len(sums_of(parts))
-    arena, own, (signs, mismatch, rest, enough) = Arena(), scratch(2 * count * MOST), (scratch(lanes) for _ in range(4))
+    arena, (signs, mismatch, rest, enough) = Arena(), (scratch(lanes) for _ in range(4))
     enough = enough.shifted(0, True)
     for _ in range(count):
         arena(MOST * lanes)
     series = [[arena.at(c, side, MOST * lanes) for c in range(count)] for side in range(2)]
     for l in loop(lanes):
         enough[l] = 0
-    v = Variables(k=FEWEST, known=1, goes=True)
+    v = Variables(k=FEWEST, known=1, power=PART**FEWEST, goes=True)
     for _ in whilst(lambda: v.goes):
         for side in loop(2):
             e = Expansion(parts, run, i, side, arena.of(side))
             for _ in when(v.known == 1):
                 e.read_ends(first)
             e.expand(v.known, v.k)
-        rest.store(0, rest_of(series, v.k), lanes)
+        rest.store(0, v.power * rest_of(series, v.k), lanes)
         v.known, v.goes = v.k, False
         for l in loop(lanes):
             for _ in when(enough[l] == 0):
@@ -281,7 +282,7 @@ def find_outputs(parts: Parts, run: View, i: Any, first: Any) -> None:
                 v.goes = v.goes | (enough[l] == 0)
         v.goes = v.goes & (v.k < MOST)
         for _ in when(v.goes):
-            v.k = v.k + MORE
+            v.k, v.power = v.k + MORE, PART**MORE * v.power
     a, b = (at_middle(each[:STATE], v.k) for each in series)
     dot = a[3] * b[3] + a[4] * b[4] + a[5] * b[5] + a[6] * b[6]
     sign = select(dot < 0.0, -1.0, 1.0)
@@ -291,10 +292,7 @@ def find_outputs(parts: Parts, run: View, i: Any, first: Any) -> None:
     mismatch.store(0, select(off <= inf, off, inf), lanes)
     for l in loop(smaller(run.steps_taken[i] - first, lanes)):
         run.mismatch[i] = larger(run.mismatch[i], select(enough[l] == 0, inf, mismatch[l]))
-        for c, each in enumerate([*series[0], *series[1]]):
-            for n in loop(enough[l]):
-                own[c * MOST + n] = each[n * lanes + l]
-        ends = [[own.shifted((side * count + c) * MOST) for c in range(count)] for side in range(2)]
+        ends = [[one.shifted(l) for one in each] for each in series]
         write_outputs(parts, run, i, ends, enough[l], first + l, signs[l])
 
 
@@ -328,11 +326,13 @@ def write_outputs(parts: Parts, run: View, i: Any, series: Any, k: Any, step: An
         t = run.parts.load(number, lanes)
         s, zero = 1.0 - t, 0.0 * t
         v = Variables(a=(zero,) * count, b=(zero,) * count)
-        for n in loop(1, k + 1):
-            place = k - n
-            v.a = tuple(x * t + one[place] for x, one in zip(v.a, series[0], strict=True))
-            v.b = tuple(x * s + one[place] for x, one in zip(v.b, series[1], strict=True))
-        weight = t * t * t * t * (35.0 - t * (84.0 - t * (70.0 - t * 20.0)))
+        for name, part, ends in (("a", t, series[0]), ("b", s, series[1])):
+            for _ in when(any_of(part < PART)):
+                for n in loop(1, k + 1):
+                    x, at = getattr(v, name), (k - n) * lanes
+                    setattr(v, name, tuple(y * part + one[at] for y, one in zip(x, ends, strict=True)))
+        u = smaller(larger((t - (1.0 - PART)) * (1.0 / (2.0 * PART - 1.0)), 0.0), 1.0)
+        weight = u * u * u * u * (35.0 - u * (84.0 - u * (70.0 - u * 20.0)))
         x = [a + weight * (f * b - a) for a, b, f in zip(v.a, v.b, signs, strict=True)]
         p = Quaternion(*x[3:STATE])
         q = (1.0 / sqrt(sum_of(*(y * y for y in p)))) * p @ body.frame.inverse
@@ -362,8 +362,8 @@ def join(parts: Parts, run: View, i: Any) -> None:
                 put(target, tuple(source[(i * run.nodes + row) * n + c] for c in range(n)))
         for _ in when(number > 0):
             before = q.shifted(-4)
-            sign = select(before[0] * q[0] + before[1] * q[1] + before[2] * q[2] + before[3] * q[3] < 0.0, -1.0, 1.0)
-            put(q, tuple(sign * q[c] for c in range(4)))
+            for _ in when(before[0] * q[0] + before[1] * q[1] + before[2] * q[2] + before[3] * q[3] < 0.0):
+                put(q, tuple(-q[c] for c in range(4)))
             if own:
                 for node in loop(v.row, row + inside):
                     means = run.means.shifted((i * (run.nodes - 1) + node) * SUMS.size)

@@ -156,7 +156,8 @@ def _one(table: Table, taken: tuple[str, ...] | None, how: ReadOptions, notes: t
     if len(found) > 1:
         attitudes = [(one, _attitudes(table, one)) for one in found]
         good = [(one, quat) for one, quat in attitudes if quat is not None]
-        found = [one for one, _ in good] or found
+        is_marked = not good and len(headers.markers(table.headers)) >= MARKERS
+        found = [one for one, _ in good] or ([] if is_marked else found)
         sizes = {len(one.headers): one for one in found}
         if len(good) == len(sizes) == 2 and sizes[4].ordered:
             alike = abs((good[0][1] * good[1][1]).sum(axis=1))
@@ -257,11 +258,13 @@ def _angles(
     is_decided, is_form = GYROSCOPE in given.beside or OTHER in given.beside, bool(how.euler or how.rotation_vector)
     if not (is_form or is_decided):
         raise InputError("angles", three=names)
-    unit = how.angle_unit or stated
-    if unit is None and how.rotation_vector:
-        unit, longest = "rad", float(np.fmax.reduce(np.linalg.norm(table.vectors(three), axis=1), initial=0))
-        if longest > 2 * np.pi and not is_decided:
-            warnings.warn(InputWarning("long-vectors", longest=longest), stacklevel=2)
+    unit = how.angle_unit or stated or ("rad" if how.rotation_vector else None)
+    if unit == "rad" and not is_decided:
+        values, order = table.vectors(three), 2 if how.rotation_vector else np.inf
+        values = values[(values != values[:, :1]).any(axis=1)]  # no sentinels
+        longest = float(np.fmax.reduce(np.linalg.norm(values, axis=1, ord=order), initial=0))
+        if longest > 2 * np.pi:
+            warnings.warn(InputWarning("long-angles", three=names, longest=longest), stacklevel=2)
     if unit is None and not is_decided:
         raise InputError("no-angle-unit", three=names)
     told = how.angle_unit or of_file or (None if is_form else stated)

@@ -51,6 +51,7 @@ SENSOR = {"sensorid", "sensor", "sensorname", "id", "deviceid", "device", "devic
 SENSOR |= {"headerframeid", "topic", "body", "bodyid", "segment", "tag", "address", "mac", "name", "trackerid"}
 SENSOR |= {"toolid"}
 _RATE_WORDS = r"(?:deg(?:rees)?(?:/|p|per|_)?s(?:ec)?|dps|mdps|rad(?:ians)?(?:/|p|per|_)?s(?:ec)?|rpm)"
+_BIAS = re.compile(r"^b_[aw]_|[Bb]ias")  # of a sensor, which filters estimate: EuRoC has b_w_RS_S_x
 _REPEATED = re.compile(r"^(.+)\.(\d+)$")
 
 
@@ -138,11 +139,16 @@ def lacks(headers: Sequence[str]) -> tuple[tuple[str, ...], str] | None:
 
 
 def markers(headers: Sequence[str]) -> list[str]:
-    """Return the names before or after x, y and z, as ``ELB`` in ``ELB_X``, if they are of no sensor."""
+    """Return the names before or after x, y and z, as ``ELB`` in ``ELB_X``, if they are of no sensor.
+
+    Beside angles, as of the segments of Vicon, there are none.
+    """
+    if any(known(split_unit(header)[1], ANGLE) for header in headers):
+        return []
     axes: dict[str, set[str]] = defaultdict(set)
     for header in headers:
         name = split_unit(header)[0]
-        if found := re.fullmatch(r"(.+?)(?:[ _.:\-]+([xyzXYZ])|([XYZ]))|([xyzXYZ])(?:[ _.:\-]+|(?=\d))(.+)", name):
+        if found := re.fullmatch(r"(.+?)(?:[ _.:\-]+([xyzXYZ])\d*|([XYZ]))|([xyzXYZ])(?:[ _.:\-]+|(?=\d))(.+)", name):
             axes[found[1] or found[5]].add((found[2] or found[3] or found[4]).lower())
     long = tuple(name for name in OF_SENSORS if len(name) > 2)
     whole = [name for name, letters in axes.items() if letters == {*"xyz"}]
@@ -198,7 +204,7 @@ def sensors(headers: Sequence[str], names: Sequence[str]) -> list[tuple[str, tup
     are of a gyroscope by whatever name. Beside components in the body, which exports of runs name so, others are not.
     """
     found: dict[tuple[str, ...], str] = {}
-    all_threes = list(groups(headers, "xyz", _without_rate))
+    all_threes = list(groups([h for h in headers if not _BIAS.search(h)], "xyz", _without_rate))
     for name in names:
         for before, after, three in all_threes:
             if not after and before.endswith(name) and (len(name) > 2 or before == name):

@@ -106,10 +106,10 @@ SENTENCES |= {
     "comments-only": "the file has comments only; below them it must contain headers and rows",
     "records": "it is a log of records ({kinds}): copy the rows of one kind into a CSV file, with headers above",
     "empty-fields": "blanks do not show which of {headers} headers lack a field in a row of {fields}; use commas",
-    "more-fields": "there are {headers} headers, but {fields} fields in the first row of numbers",
+    "more-fields": "there are {headers} headers, but {fields} fields in a row of numbers",
     "fields": "{place} does not have the {count} fields of the first; correct or delete it",
     "row-length": "{place} of the {what} has {count} numbers instead of {width}",
-    "no-headers": "the first line holds numbers; of {count} columns name those to use, from 1: {option[columns]}",
+    "no-headers": "it has no headers; of {count} columns name those to use, from 1: {option[columns]}",
     "no-column": "there is no column {name!r}; there are {names}",
     "no-columns": "it has no columns; {option[body]} names what to take",
     "not-a-number": "{what} holds {value!r} in {place}, which is not a number; correct or delete it",
@@ -142,9 +142,10 @@ SENTENCES |= {
     "angles": "the columns {three} are angles: {option[euler]} gives their order, as ZYX about moving, zyx fixed axes",
     "angle-unit-stated": "the columns {three} state {stated}, but {option[angle_unit]} is {unit}" + OMIT,
     "no-angle-unit": "the columns {three} do not state the unit of their angles: {option[angle_unit]} is deg or rad",
-    "long-vectors": "the rotation vectors are up to {longest:.4g} rad long, more than a turn, and do not state their "
-    "unit: {option[angle_unit]} is deg or rad",
-    "several-readings": "several readings are possible ({readings}): state the one that is meant",
+    "long-angles": "the columns {three} hold up to {longest:.4g} rad, more than a turn: if they are degrees, "
+    "{option[angle_unit]} is deg, or the header that states rad is to be corrected",
+    "several-readings": "several readings are possible ({readings}): state the one that is meant: "
+    "{option[euler]}, {option[angle_unit]}, {option[scalar_first=True]} or {option[inverse=True]}",
     "no-reading-fits": "no reading of the attitudes agrees with the {what} beside them, {best:.2f} of 1 at best: check "
     "axes and units of both",
     "options-contradicted": "{told} {mine:.2f} as it is read, {best:.2f} as {another}: the options look wrong",

@@ -254,6 +254,9 @@ def of_run(run: Any, name: str, quaternions: Array | None) -> Rates:
 def _one(table: Table, body: str | None) -> tuple[str, ...]:
     there = sensors(table.headers, GYROSCOPE)
     found = [three for before, three in there if body is None or plain(body) in (before, plain(three[0])[:-1])]
+    if there and not found:
+        names = list(filter(None, (before for before, _ in there)))
+        raise InputError("no-body" if names else "no-bodies", body=body, names=listed(names))
     if len(found) != 1:
         sets = "; ".join(map(", ".join, found))
         raise InputError("several-gyroscopes" if found else "no-gyroscope", names=listed(table.headers), sets=sets)

@@ -158,6 +158,10 @@ class Content:
 
 def of_one_sensor(table: Table, how: ReadOptions) -> tuple[Table, ReadOptions, tuple[str, ...]]:
     """Return the rows of one sensor, where a column names that of each row; an InputError asks for it."""
+    lengths = [len(values) for values in table.columns.values()]
+    if len(set(lengths)) > 1:  # of a workspace, of which those that hold most numbers are meant
+        most = max(lengths, key=lambda count: count * lengths.count(count))
+        table = replace(table, columns={name: one for name, one in table.columns.items() if len(one) == most})
     for header, values in table.columns.items():
         start, is_float = values[:1000], values.dtype.kind == "f"
         if len(values) < 2 or header == how.time_column or len(set(start.tolist())) > MOST_SENSORS:

@@ -19,7 +19,7 @@ import re
 from array import array
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from itertools import islice
+from itertools import accumulate, islice
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -39,6 +39,7 @@ SCALES = {"t": ("tscale", "s"), "g": ("gscale", "rad/s"), "a": ("ascale", "g"), 
 _COMMA, _POINT = (re.compile(rf"[-+]?\d+{mark}\d+(e[-+]?\d+)?", re.IGNORECASE) for mark in (",", r"\."))
 _UNSURE = re.compile(r"[-+]?[1-9]\d{0,2}[.,]\d{3}")  # perhaps thousands
 FEW = 3  # different numbers with such a mark, and as many below 1000 without one, are thousands
+MISSING = {"NA", "N/A", "#N/A", "<NA>", "NULL", "null", "None"}  # as R and others write it, and pandas reads it
 _RECORD = re.compile(r"\$?[A-Z]\w*(,|$)")
 _FACTOR = re.compile(r"(?i)\b(lsb|scale|sensitivity|factor)")
 
@@ -158,7 +159,7 @@ def _first_row(lines: Sequence[str], told: Sequence[int]) -> int | None:
     while first is not None and first - 1 in told:
         separator = _separator(lines[first])
         above = fields_of(lines[first - 1], separator)
-        numbers = [_is_number(field) for field in above if field]
+        numbers = [field in MISSING or _is_number(field) for field in above if field]
         dates = [sum(map(str.isdigit, field)) >= DIGITS for field in above if field]
         is_row = any(numbers) and all(map(max, numbers, dates))
         if not is_row or len(above) != len(fields_of(lines[first], separator)):
@@ -178,8 +179,12 @@ def _headers(above: Sequence[str], separator: str | None, row: Sequence[str]) ->
     if told:
         names = _cleaned(told[-1], separator, len(row))
         filled = max((k + 1 for k, one in enumerate(row) if one), default=0)
-        full = [name for name in names if name]
-        names = full if len(full) == filled < len(names) else names  # Qualisys: two tabs between two bodies
+        if (
+            sum(map(bool, names)) == filled < len(names)
+        ):  # Qualisys: two tabs between two bodies; Shimmer: one at the end
+            units, names = ([one for one, name in zip(line, names, strict=False) if name] for line in (units, names))
+        if len(names) == 1 < filled:  # a title, as of CCSDS and STK
+            return None
         names = _with_bodies(told[:-1], names, separator)
         if filled > len(names):
             raise InputError("more-fields", headers=len(names), fields=len(row))
@@ -204,9 +209,12 @@ def _with_bodies(above: Sequence[str], names: list[str], separator: str | None) 
             body, name = (start, name[len(start) + 1 :]) if start else (body, name)
             joined.append(f"{body} {name}".strip())
         return joined
-    rows = [row for row in rows if len(row) == len(names)]
-    if len(set(names)) == len(names) or len(rows) < 3:
+    rows = [row for row in rows if len(row) == len(names) and sum(map(bool, row)) > 1]
+    if len(set(names)) == len(names) or not rows:
         return names
+    if len(rows) < 3:  # a name stands above the first of its columns, as Vicon writes it
+        filled: Iterable[str] = accumulate(rows[-1], lambda before, own: own or before)
+        return [f"{body} {name}".strip() for body, name in zip(filled, names, strict=True)]
     bodies = next((row for row in rows if "Name" in row[:2]), rows[1])
     all_names = zip(bodies, rows[-1], names, strict=True)
     return [f"{body} {kind} {name}".strip() if kind else name for body, kind, name in all_names]
@@ -227,13 +235,20 @@ def _rows(
     import pandas
 
     blank = "".join({*"\r\n \t"} - {separator})
-    places, comments, is_split = array("q"), list[int](), False
+    places, comments, is_split, widest = array("q"), list[int](), False, 0
     for k, line in islice(enumerate(opened(content), 1), first, None):
         if _is_comment(line):
             comments.append(k)
         elif line.strip(blank):
             places.append(k)
             is_split |= line.count('"') % 2 == 1  # a field of several lines: rows are not lines
+            last = line
+            if widest < len(names):
+                widest = max(widest, 1 + line.count(separator or " "))
+    if places and not re.search(r"\d", last) and len(fields_of(last, separator)) < len(names):  # END, DATA_STOP
+        comments.append(places.pop())
+    if separator is not None and 0 < widest < len(names):
+        raise InputError("more-fields", headers=len(names), fields=widest)
     encoding = _encoding(content)
     if comments:
         kept, first = set(places), 0

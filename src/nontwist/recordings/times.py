@@ -13,7 +13,7 @@ from collections import defaultdict
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from datetime import date
+from datetime import date, timedelta
 from typing import Any
 
 import numpy as np
@@ -23,14 +23,16 @@ from ..errors import InputError, InputWarning
 from ..geometry.arrays import Array, as_floats, as_plain
 from ..geometry.values import counted
 from ..units import TIME, known, split_unit
+from .headers import GYROSCOPE, sensors
 from .options import ReadOptions
 from .table import Table, listed, number, place
 
 EPOCH = (3e8, 4.2e9)  # s since 1970 that are taken for dates: 1979 to 2103
 RARE = 60.0  # s between samples; what lies further apart as seconds since 1970 are ticks
+MONTHS = "janfebmaraprmayjunjulaugsepoctnovdec"
 FINE = 1e-4  # days between samples at most, else they are no days but seconds of a clock that is as fine
 WIDE = 1.5  # of the usual step of a counter: beyond it samples are lost
-COARSE = 5.0  # whole numbers without a unit that are as far apart are not seconds
+COARSE = 5.0  # numbers without a unit that are as far apart are not seconds, but that a gyroscope may tell it
 # Words of times, and words that may be beside them; words of numbers of samples.
 TIMES = {"t", "time", "timestamp", "stamp", "datetime", "seconds", "secs", "sec", "epoch", "epoc", "datenum"}
 TIMES |= {"zeit", "temps", "tiempo", "tempo", "tijd"}
@@ -108,6 +110,8 @@ def _found(table: Table, how: ReadOptions, notes: list[str]) -> Clock:
             raise one
         else:
             notes.append(ignored(f"the column {h!r}", None))
+    if len(read) > 1:  # what does not change is no time
+        read = {h: one for h, one in read.items() if np.diff(np.asarray(one.time)).any()} or read
     for rank in (1, 2):
         stated = {} if read else {h: one for h, one in tried(rank) if isinstance(one, Clock) and _increases(one)}
         read = read or (stated if _agree(stated) else {})
@@ -176,6 +180,8 @@ def words_of(header: str) -> tuple[list[str], str | None]:
 def _rank(header: str) -> int | None:
     """Return how surely a header is of a time: 0 by its name, 1 by name and unit, 2 by a unit, 3 as it may be one."""
     words, unit = words_of(re.sub(r"^.*\.(?=\D)", "", header))  # in a structure, as data.time
+    if re.search("deg|[°℃]", (unit or "").lower()):  # a temperature or an angle
+        return None
     all_words, seconds = set(words), known(unit, TIME)
     is_told = unit is None or seconds or unit.lower() in ("txt", "text", "iso", "utc") or len(words) == 1
     is_named = TIMES & all_words or ("elapsed" in words and seconds)
@@ -205,6 +211,8 @@ def _agree(read: dict[str, Clock]) -> bool:
     """Whether columns tell the same intervals as the first, within a hundredth of one."""
     times = [np.asarray(one.time) for one in read.values()]
     for other in times[1:]:
+        if len(other) != len(times[0]):
+            return False
         good = np.isfinite(times[0]) & np.isfinite(other)
         a, b = (one[good] - one[good][:1] for one in (times[0], other))
         if a.size < 2 or abs(a - b).max() > 0.01 * np.median(abs(np.diff(a))) * max(1.0, a.size / 100):
@@ -297,7 +305,8 @@ def read_times(table: Table, name: str, unit: str | None) -> Clock:
     if scale is None:
         is_tick = tuple(words) in TICKS
         date = None if is_tick else next((one for one in SINCE if _is_date(first, step, *SINCE[one])), None)
-        if date is None and (is_tick or (step >= COARSE and bool((finite == np.round(finite)).all()))):
+        is_coarse = step >= COARSE and ((finite == np.round(finite)).all() or not sensors(table.headers, GYROSCOPE))
+        if date is None and (is_tick or is_coarse):
             raise InputError("no-time-unit", name=name, step=step)
         scale, zero = (_scale(stated, name) or 1.0, 0.0) if date is None else SINCE[date]
     symbol = next((symbol for symbol, one in TIME.items() if one == scale), f"counts of {scale:g} s")
@@ -348,6 +357,8 @@ def _dates(values: NDArray[Any], name: str) -> tuple[NDArray[Any], str, str]:
         order = f", {'day/month' if above[0] else 'month/day'}/year, as the numbers above 12 show"
     for written, iso in (
         (r"^(\d{4})/(\d\d)/(\d\d)", r"\1-\2-\3"),
+        (r"^(\d\d?)-([A-Z][a-z]{2})-(\d{4})(?=\D|$)", _of_month),
+        (r"^([12]\d{3})-(\d{3})(?=T)", lambda day: f"{date(int(day[1]), 1, 1) + timedelta(int(day[2]) - 1)}"),
         (r"^(\d\d?)\.(\d\d?)\.(\d{4})(?=\D|$)", r"\3-\2-\1"),
         (r"^(\d\d?)/(\d\d?)/(\d{4})(?=\D|$)", r"\3-\2-\1" if order.startswith(", day") else r"\3-\1-\2"),
         (r"(?<=:\d\d),(?=\d)", "."),
@@ -363,6 +374,10 @@ def _dates(values: NDArray[Any], name: str) -> tuple[NDArray[Any], str, str]:
         if is_duration.all():
             return pandas.to_timedelta(texts).to_numpy(), name, order
     raise InputError("not-a-time", name=name, value=values.tolist()[is_duration.argmin()])
+
+
+def _of_month(day: re.Match[str]) -> str:
+    return f"{day[3]}-{MONTHS.find(day[2].lower()) // 3 + 1:02}-{int(day[1]):02}"
 
 
 def _of_24_hours(time: re.Match[str]) -> str:

@@ -29,7 +29,7 @@ import numpy as np
 from ...errors import InputError
 from ...geometry.arrays import Array
 from ..options import ReadOptions
-from ..table import Content, Table, by_name, number, place, stacked
+from ..table import Content, Table, by_name, number, numbered, place, stacked
 from ..text import fields_of, opened
 from .libraries import readable
 
@@ -50,13 +50,13 @@ def read_bvh(path: Path, how: ReadOptions) -> Content:
     joints = _joints(head)
     if "," in tail and not re.search(r"\d\.\d", tail):
         tail = re.sub(r"(?<=\d),(?=\d)", ".", tail)
-    numbered = [(k, line) for k, line in enumerate(tail.split("\n"), head.count("\n") + 1) if line.strip()]
-    stated = {key.lower().strip(): number(value) for key, _, value in (line.partition(":") for _, line in numbered[:2])}
+    told = [(k, line) for k, line in enumerate(tail.split("\n"), head.count("\n") + 1) if line.strip()]
+    stated = {key.lower().strip(): number(value) for key, _, value in (line.partition(":") for _, line in told[:2])}
     step, frames = stated.get("frame time"), stated.get("frames")
     if step is None or not (how.rate or 0 < step < np.inf):
         raise InputError("no-frame-time")
-    places, width = np.array([k for k, _ in numbered[2:]]), sum(len(channels) for _, _, channels in joints)
-    table = stacked([line.split() for _, line in numbered[2:]], width, "motion", places)
+    places, width = np.array([k for k, _ in told[2:]]), sum(len(channels) for _, _, channels in joints)
+    table = stacked([line.split() for _, line in told[2:]], width, "motion", places)
     attitudes: list[Rotation] = []
     columns = iter(table.T)
     for _, parent, channels in joints:
@@ -161,21 +161,24 @@ def read_opensim(path: Path, how: ReadOptions) -> Content:
     if end is None:
         raise InputError("no-endheader")
     stated = {key.strip().lower(): value.strip() for key, _, value in (line.partition("=") for line in above[:end])}
-    numbered = [(k, line) for k, line in enumerate(lines[end + 1 :], end + 2) if line.strip(" \t,;")]
-    if len(numbered) < 2:
+    told = [(k, line) for k, line in enumerate(lines[end + 1 :], end + 2) if line.strip(" \t,;")]
+    if len(told) < 2:
         raise InputError("no-rows")
-    first = numbered[0][1]
+    first = told[0][1]
     sign = next((one for one in ",;" if one in first and "\t" not in first), None)
-    labels, *cells = [fields_of(line, sign) for _, line in numbered]
+    labels, *cells = [fields_of(line, sign) for _, line in told]
     if sign == ";" and not any("." in cell for row in cells for cell in row):
         cells = [[cell.replace(",", ".") for cell in row] for row in cells]
-    places = np.array([k for k, _ in numbered[1:]])
+    places = np.array([k for k, _ in told[1:]])
+    is_quaternion = stated.get("datatype", "").lower() == "quaternion" or any("," in cell for cell in cells[0])
+    if not is_quaternion and all(labels.count(name) < 2 for name in how.columns or ()):
+        labels = numbered(labels)  # forces, which two plates have
     for k, row in enumerate(cells):
         if len(row) != len(labels):
             raise InputError("labels", place=place(k, places), count=len(row), labels=len(labels))
     columns = (np.array(one, dtype=object) for one in zip(*cells, strict=True))
     table = Table(by_name("column", zip(labels, columns, strict=True)), places)
-    if stated.get("datatype", "").lower() == "quaternion" or any("," in cell for cell in cells[0]):
+    if is_quaternion:
         time = next((table.numbers(label) for label in labels if label.lower() == "time"), None)
         bodies = {}
         for label in labels:

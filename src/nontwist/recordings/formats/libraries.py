@@ -62,7 +62,9 @@ INSIDE = ("pose", "orientation", "quaternion", "transform", "rotation")
 FRAME = "J2000"
 MOST = 10_000_000  # samples
 JOINTS = ("poses", "pose", "body_pose", "pose_body", "root_orient", "global_orient")  # SMPL, AMASS
-RATES = ("mocap_framerate", "mocap_frame_rate", "framerate", "frame_rate", "fps", "rate", "frequency")
+RATES = {"mocap_framerate", "mocap_frame_rate", "framerate", "frame_rate", "fps", "rate", "frequency"}
+RATES |= {"sampling_rate", "sample_rate", "samplerate", "fs"}
+WIDE = 16  # columns of a row of each component, as MATLAB's users keep vectors and quaternions
 LARGEST = 4_000_000_000  # bytes of an array of MATLAB
 HELP = "save numeric arrays with save('name.mat', ..., '-v7'), or a table with writetable"
 
@@ -265,6 +267,8 @@ def of_arrays(arrays: Mapping[str, Any], how: ReadOptions) -> Content:
     columns, bodies, loose = dict[str, Any](), dict[str, Any](), dict[str, Any]()
     notes, headless = list[str](), False
     for name, array in arrays.items():
+        if array.ndim == 2 and len(array) in (3, 4) and array.shape[1] > WIDE:
+            array = array.T  # samples in columns
         shape, end, is_numeric = array.shape, array.shape[1:], array.dtype.kind in "fiu"
         numbers = np.asarray(array, dtype=float) if is_numeric else np.empty(0)
         if array.dtype.names is not None:

@@ -282,6 +282,7 @@ def counts():
     return text({"time (s)": T, **vector("gyr_{}", given)}, ";", head=told)
 
 
+TABBED = text({"t": T, **vector("G{}_C", np.degrees(GYR))}, "\t", below="s" + "\tdeg/s" * 3 + "\n")
 RATES = {
     "B10, tagged.csv": ("tagged.csv", GYRO_6, RECORDS, 1e-5),
     "B10, raw_counts.gcsv": ("raw_counts.gcsv", GYRO_6, "", 1e-3),
@@ -290,14 +291,7 @@ RATES = {
     "B11, x-axis (deg/s)": (text({"time": T, **vector("{}-axis (deg/s)", np.degrees(GYR))}), GYR, "", 1e-9),
     "B11, rad s^-1": (text({"time": T, **vector("w_RS_S_{} [rad s^-1]", GYR)}), GYR, "", 1e-9),
     "EuRoC, a bias": (text({"time": T, **vector("b_w_RS_S_{} [rad s^-1]", BIAS)}), None, "no columns contain", 0),
-    "Shimmer, tabs at the ends": (
-        text({"t": T, **vector("G{}_C", np.degrees(GYR))}, "\t", below="s" + "\tdeg/s" * 3 + "\n").replace(
-            "\n", "\t\n"
-        ),
-        GYR,
-        "",
-        1e-9,
-    ),
+    "Shimmer, tabs at the ends": (TABBED.replace("\n", "\t\n"), GYR, "", 1e-9),
     "units below": (
         text({"time": T, **vector("g{}", np.degrees(GYR))}, head="Trial 7\n", below="(s),(deg/s),(deg/s),(deg/s)\n"),
         GYR,

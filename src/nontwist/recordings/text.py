@@ -179,9 +179,7 @@ def _headers(above: Sequence[str], separator: str | None, row: Sequence[str]) ->
     if told:
         names = _cleaned(told[-1], separator, len(row))
         filled = max((k + 1 for k, one in enumerate(row) if one), default=0)
-        if (
-            sum(map(bool, names)) == filled < len(names)
-        ):  # Qualisys: two tabs between two bodies; Shimmer: one at the end
+        if sum(map(bool, names)) == filled < len(names):  # two tabs between bodies (Qualisys), one at the end (Shimmer)
             units, names = ([one for one, name in zip(line, names, strict=False) if name] for line in (units, names))
         if len(names) == 1 < filled:  # a title, as of CCSDS and STK
             return None

@@ -74,6 +74,8 @@ def test_perigee_is_when_and_where_it_is_said_to_be():
     assert term.vectors_at(np.array([0.31]))[0, 0, 2] > 0
     assert term.resolution == pytest.approx(0.3 / 0.7 * 0.6**1.5 / 1.4**0.5)
     assert gravity_gradient(0.7).terms[0].resolution == 0.3 / 0.7
+    with pytest.raises(ValueError, match="perigee_time = inf is not finite"):
+        gravity_gradient(0.7, eccentricity=0.4, perigee_time=np.inf)
 
 
 @pytest.mark.parametrize("scheme", ["gauss", "lie-midpoint", "energy-momentum"])

@@ -226,7 +226,7 @@ def gravity_gradient(
     if perigee_time is not None:
         if as_number(start, "start"):
             raise ValueError("start and perigee_time are one time: give one of them")
-        start = perigee_time
+        start = as_number(perigee_time, "perigee_time")
     return made(GravityGradient, mean_motion, radial, normal, start, eccentricity)
 
 

@@ -95,6 +95,24 @@ def test_an_interrupt_of_the_exact_motion_without_moments(interrupted_in, monkey
     assert rest.directors[-1] == pytest.approx(whole.directors[-1], abs=1e-14)
 
 
+def test_outputs_between_steps_end_with_the_last_step_that_was_taken(interrupted_in, monkeypatch):
+    times, scheme = np.linspace(0, 1, 70), {"step": STEP, "load": LOAD, "integrator": "gauss", "order": 4}
+    how = {name: HOW[name] for name in ("angular_velocity", "project")} | scheme
+    body = BODIES["nontwisting"]()
+    whole, steps = integrate(body, times=times, **how), integrate(body, t_end=1.0, **how)
+    interrupted_in(4)
+    with pytest.raises(SimulationInterrupt, match=r"after 100 of 128 steps$") as info:
+        integrate(body, times=times, **how)
+    monkeypatch.undo()
+    partial, passed, end = info.value.partial, times[times < 100 * STEP], 100 * STEP
+    assert partial.time.tolist() == [*passed, end]
+    assert np.array_equal(partial.directors, [*whole.directors[: passed.size], steps.directors[100]])
+    assert partial.load_work[:-1] == pytest.approx(whole.load_work[: passed.size - 1], rel=1e-12)
+    assert partial.load_work.sum() == pytest.approx(steps.load_work[:100].sum(), rel=1e-12)
+    impulse = np.diff(partial.time) @ partial.moment
+    assert impulse == pytest.approx(STEP * steps.moment[:100].sum(axis=0), rel=1e-12)
+
+
 def test_continuous_keeps_what_its_solver_has_passed():
     def load(t, d, w):
         if t > 0.6:

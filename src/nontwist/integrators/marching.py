@@ -84,6 +84,8 @@ def march(problem: IVP, threads: int, scheme: Compiled, can_be_dense: bool = Tru
                 failures[i, 0], reasons[i] = alone.failures[0, 0] or Status.LOAD, alone.reasons.get(0, "")
     first = todo.skipped
     if dense is not None:
+        if end is None and common is not None and common.status is Status.INTERRUPTED and common.step:
+            end = common.step  # a node, and seldom an output
         if (outputs := dense.outputs(good, end)) is None:
             return march(problem, threads, scheme, False)
         (arrays, good), first = outputs, dense.skipped

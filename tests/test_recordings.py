@@ -390,6 +390,7 @@ SAID = {  # what is read, and a pattern of what is said of it
     "a rate in the file": archive({"fps": 50.0, **PLAIN}),
     "times beside a rate in the file": archive({"fps": 50.0, "time": 5 + T, "R": MATRICES}, says="^(?!.*times differ)"),
     "pages of MATLAB 7.3": made(partial(makers.mat73, arrays=PAGES), "a.mat"),
+    "a structure of MATLAB 7.3": made(partial(makers.mat73, arrays={"s/" + k: v for k, v in PAGES.items()}), "a.mat"),
     "structures of MATLAB": made(partial(makers.mat, arrays={"s": PAGES, "u": [PAGES] * 2, "v": "x"}), "a.mat"),
     # turning points and steps like those beside them lose no rows; identities far from all others stand for lost ones
     **{f"a quaternion back at the identity, {k}": made(quat("q{}", values=np.roll(one.as_quat(), 1, axis=1)), truth=one)

@@ -207,7 +207,13 @@ def test_two_runs_have_names_that_differ_or_those_that_are_given(runs, folder):
         assert [each["name"] for each in contents(given, labels)] == names
     for given, name in (((None,), "a"), (("c",), "c"), ((None, "d"), "d")):
         assert [motion.data["name"] for motion in _motions([one], *given)] == [name]
-    for several, labels in ((files, ["a"]), (files, "ab"), (files, ["a", 1]), (files[:1], ["a", "b"])):
+    for several, labels in (
+        (files, ["a"]),
+        (files, "ab"),
+        (files, ["a", 1]),
+        (files[:1], ["a", "b"]),
+        (files[:1], np.array("a")),
+    ):
         with says():
             view(*several, labels=labels)
     for arguments, title in ((["fast.nc", "--labels", "slow, fast"], "slow and fast"), (["--labels", "a, 1"], "a, 1")):

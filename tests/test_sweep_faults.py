@@ -9,7 +9,7 @@ from pathlib import Path
 import dask
 import psutil
 import pytest
-from distributed import Client, LocalCluster, WorkerPlugin
+from distributed import Client, LocalCluster, WorkerPlugin, default_client
 
 import nontwist
 from nontwist import sweep
@@ -84,9 +84,11 @@ def test_a_killed_worker_loses_no_block(file, tmp_path, serial, client):
     assert is_whole(tmp_path / "store", serial)
 
 
-def test_an_address_without_a_port_is_refused_at_once(file, tmp_path):
+def test_an_address_without_a_port_is_refused_and_leaves_no_client(file, tmp_path):
     with pytest.raises(ValueError, match="port"):
         sweep(file, tmp_path / "store", dask="nowhere")
+    with pytest.raises(ValueError, match="No client"):
+        default_client()
 
 
 @pytest.mark.long

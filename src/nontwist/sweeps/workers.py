@@ -120,6 +120,8 @@ def _client(where: Any, count: int, stack: ExitStack) -> Any:
         raise ValueError(f'dask must be "local", an address, a Client or a Cluster; got {short_repr(where)}')
     if where == "local":
         where = stack.enter_context(dask.LocalCluster(n_workers=count, threads_per_worker=1, dashboard_address=":0"))
+    elif isinstance(where, str):
+        dask.comm.get_address_host_port(where)  # a ValueError now: a client that fails would remain Dask's default
     return where if isinstance(where, dask.Client) else stack.enter_context(dask.Client(where))
 
 

@@ -20,7 +20,7 @@ from __future__ import annotations
 import base64
 import json
 import tomllib
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -33,7 +33,7 @@ from ..analysis.trajectory import Trajectory
 from ..geometry.arrays import Array, as_array, as_positive
 from ..geometry.attitudes import quaternions
 from ..geometry.frames import triad_about
-from ..geometry.values import short_repr, vector_text
+from ..geometry.values import as_list, short_repr, vector_text
 from ..loads.kinds import rotors_of
 from ..loads.memory import recorded_wheels
 from ..models.bodies import BODIES
@@ -133,9 +133,8 @@ def contents(runs: Sequence[Any], labels: str | Sequence[str] | None = None) -> 
     ValueError
         As `content`, naming the run; or the labels are not one string for each run.
     """
-    given = [labels] if isinstance(labels, str) else labels
-    is_list = isinstance(given, Collection) and len(given) == len(runs) and all(isinstance(one, str) for one in given)
-    if given is not None and not is_list:
+    given = [labels] if isinstance(labels, str) else None if labels is None else as_list(labels, "labels")
+    if given is not None and not (len(given) == len(runs) and all(isinstance(one, str) for one in given)):
         many = "two strings, one for each run" if len(runs) == 2 else "one string"
         raise ValueError(f"labels must be {many}, got {short_repr(labels)}")
     two = len(runs) == 2

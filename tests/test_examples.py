@@ -94,7 +94,7 @@ def test_the_gallery_shows_every_figure_and_is_what_its_script_makes(copied, tmp
         pictures = {path.stem: path.stat().st_size for path in (folder / "gallery").iterdir()}
         assert pictures.keys() == figures | {"dna_circle"}
         assert all(3000 < size <= 150_000 for size in pictures.values())
-    for name in pictures.keys() - {"work_precision"}:
+    for name in pictures.keys() - {"work_precision", "energy_drift", "orthonormality"}:  # of times and round-off
         assert difference(stored(tmp_path / "gallery" / f"{name}.png"), stored(f"gallery/{name}.png")) < 1, name
 
 

@@ -206,6 +206,7 @@ class Task:
     gyroscope: Gyroscope
     sigma: float
     loss: Loss
+    is_brief: bool = False  # motions are not searched in windows that are shorter than usual
 
     def fit(self, model: Model) -> Fit:
         """Return the fit of a model.
@@ -294,7 +295,7 @@ class Task:
         require_turning(model, one.time, one.rates, one.name)
         seen = replace(one, rates=self.gyroscope.undone(one.rates))
         try:
-            return Search(seen, replace(model, oriented=False), self.plain).found()
+            return Search(seen, replace(model, oriented=False), self.plain, self.is_brief).found()
         except NoMotionError as error:
             require_unsaturated(one.time, one.rates, one.name)
             raise NoMotionError(f"{one.name}: {error}") from error
@@ -303,7 +304,7 @@ class Task:
         """Return what a recording fits that does not fit the model, in words; empty where nothing is found."""
         for other, words in _others(model):
             try:
-                fit = self.fit(other)
+                fit = replace(self, is_brief=True).fit(other)
             except ValueError:
                 continue
             if fit.is_explained:

@@ -68,6 +68,7 @@ class Search:
     recording: Rates
     model: Model
     gyroscope: Gyroscope
+    is_brief: bool = False
     tried: dict[tuple[int, int], Solution | None] = field(default_factory=dict, repr=False, compare=False)
 
     def found(self) -> tuple[int, int, str]:
@@ -138,7 +139,8 @@ class Search:
             if begun == every or (begun is not None and self.grown(*every, EXPLAINED) is not None):
                 return every, "the whole recording is one motion"
         seeds = list(self.windows(self.seed))
-        for windows, explained in ((seeds, EXPLAINED), (seeds, np.inf), (self.windows(self.seed / 2), EXPLAINED)):
+        passes = (seeds, EXPLAINED), (seeds, np.inf), (self.windows(self.seed / 2), EXPLAINED)
+        for windows, explained in passes[: 2 if self.is_brief else 3]:
             if (longest := self.longest(windows, explained)) is not None:
                 return longest, "the smallest residual"
         what, law = "free motion", "J W' = J W × W"

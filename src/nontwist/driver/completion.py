@@ -25,7 +25,7 @@ from ..analysis.variables import NODES, Acting, observables
 from ..geometry.arrays import Array
 from ..geometry.attitudes import States, attitudes, directors
 from ..geometry.values import number_text, vector_text
-from ..integrators.base import IVP, Failure, Integrator, Outcome, Status
+from ..integrators.base import BEYOND_JUMPS, IVP, Failure, Integrator, Outcome, Status
 from ..integrators.load_samples import as_gyrostat, as_marched, of_locked, set_works_between, with_wheels, with_works
 from ..integrators.problem import FIRST, OBSERVED, onward
 from ..integrators.stepping import one_by_one
@@ -230,8 +230,7 @@ GLANCES, HALVINGS = 64, 40
 LEFT = 0.4  # of the change between two of the times: what a jump leaves of it, half of it beside a sign of exactly 0
 WAYS = (
     "the load {} jumps with the state, at about t = {} s {}, so that a step there may have no solution at any length; "
-    "end the run a few steps before with events= and continue it on the other side, choose the moment of each step "
-    "with stepper, use {} for friction, or make the law smooth over a scale of your choice, as with np.tanh(x / scale)"
+    + BEYOND_JUMPS
 )
 BESIDE = 1e-6  # of the span: so far from a jump are values that are told, as a sign of exactly 0 is 0
 RATES = "in z' "  # of internal states

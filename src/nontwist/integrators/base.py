@@ -22,6 +22,10 @@ from .problem import IVP, Failure, March, Outcome
 from .stepping import one_by_one, outcome_of
 
 SPIN = "{} does not accept a prescribed spin; use the integrator gauss"  # where a scheme has none
+BEYOND_JUMPS = (  # of a load; {}: what has a law of friction
+    "end the run a few steps before with events= and continue it on the other side, choose the moment of each step "
+    "with stepper, use {} for friction, or make the law smooth over a scale of your choice, as with np.tanh(x / scale)"
+)
 __all__ = ["IVP", "Failure", "Integrator", "March", "Outcome", "SimulationError", "SimulationInterrupt", "Status"]
 
 

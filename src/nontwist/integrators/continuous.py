@@ -28,7 +28,7 @@ from ..loads.potentials import DirectorForces
 from ..loads.terms import Damping
 from ..models.equations import NO_FORCES, director_rates, hat, products, split_momentum, split_rates, split_velocity
 from ..models.system import DirectorSystem
-from .base import IVP, Failure, Integrator, March, Status
+from .base import BEYOND_JUMPS, IVP, Failure, Integrator, March, Status
 from .costs import Cost, damping_rate, largest_velocity
 
 MOST = 1e6  # steps of the solver in a run, half an hour
@@ -45,9 +45,7 @@ TOO_FAST = (
 )
 JUMPS = (
     "SciPy's {} is stuck at t = {:.9g} s, in steps of about {:.0e} s, as moments jump with the state there, one of "
-    "them from {:.4g} to {:.4g} N m; end the run a few steps before with events= and continue it on the other side, "
-    "choose the moment of each step with stepper, use dry_friction for friction, or make the law smooth over a scale "
-    "of your choice, as with np.tanh(x / scale)"
+    "them from {:.4g} to {:.4g} N m; " + BEYOND_JUMPS
 )
 AGAINST_DAMPING = "; the integrator gauss takes damped modes in long steps"
 TURNS = {  # rad that a free body turns in a step are a rtol^(1/p), as measured: a, p
@@ -183,7 +181,7 @@ class Continuous(Integrator):
         is_smooth = abs(near[1] - near[0])[k] <= LEAP * max(abs(near[0]).max(), abs(near[1]).max())
         if is_smooth or pace * MOST > STUCK * (solver.t_bound - solver.t):
             return ""
-        return JUMPS.format(self.method, solver.t, pace, near[0][k], near[1][k])
+        return JUMPS.format(self.method, solver.t, pace, near[0][k], near[1][k], "dry_friction")
 
 
 def solver_of(method: str) -> Any:

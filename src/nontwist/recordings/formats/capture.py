@@ -50,13 +50,13 @@ def read_bvh(path: Path, how: ReadOptions) -> Content:
     joints = _joints(head)
     if "," in tail and not re.search(r"\d\.\d", tail):
         tail = re.sub(r"(?<=\d),(?=\d)", ".", tail)
-    told = [(k, line) for k, line in enumerate(tail.split("\n"), head.count("\n") + 1) if line.strip()]
-    stated = {key.lower().strip(): number(value) for key, _, value in (line.partition(":") for _, line in told[:2])}
+    content = [(k, line) for k, line in enumerate(tail.split("\n"), head.count("\n") + 1) if line.strip()]
+    stated = {key.lower().strip(): number(value) for key, _, value in (line.partition(":") for _, line in content[:2])}
     step, frames = stated.get("frame time"), stated.get("frames")
     if step is None or not (how.rate or 0 < step < np.inf):
         raise InputError("no-frame-time")
-    places, width = np.array([k for k, _ in told[2:]]), sum(len(channels) for _, _, channels in joints)
-    table = stacked([line.split() for _, line in told[2:]], width, "motion", places)
+    places, width = np.array([k for k, _ in content[2:]]), sum(len(channels) for _, _, channels in joints)
+    table = stacked([line.split() for _, line in content[2:]], width, "motion", places)
     attitudes: list[Rotation] = []
     columns = iter(table.T)
     for _, parent, channels in joints:
@@ -161,15 +161,15 @@ def read_opensim(path: Path, how: ReadOptions) -> Content:
     if end is None:
         raise InputError("no-endheader")
     stated = {key.strip().lower(): value.strip() for key, _, value in (line.partition("=") for line in above[:end])}
-    told = [(k, line) for k, line in enumerate(lines[end + 1 :], end + 2) if line.strip(" \t,;")]
-    if len(told) < 2:
+    content = [(k, line) for k, line in enumerate(lines[end + 1 :], end + 2) if line.strip(" \t,;")]
+    if len(content) < 2:
         raise InputError("no-rows")
-    first = told[0][1]
+    first = content[0][1]
     sign = next((one for one in ",;" if one in first and "\t" not in first), None)
-    labels, *cells = [fields_of(line, sign) for _, line in told]
+    labels, *cells = [fields_of(line, sign) for _, line in content]
     if sign == ";" and not any("." in cell for row in cells for cell in row):
         cells = [[cell.replace(",", ".") for cell in row] for row in cells]
-    places = np.array([k for k, _ in told[1:]])
+    places = np.array([k for k, _ in content[1:]])
     is_quaternion = stated.get("datatype", "").lower() == "quaternion" or any("," in cell for cell in cells[0])
     if not is_quaternion and all(labels.count(name) < 2 for name in how.columns or ()):
         labels = numbered(labels)  # forces, which two plates have

@@ -13,6 +13,7 @@ import hashlib
 import os
 import re
 from collections.abc import Iterable
+from contextlib import suppress
 from dataclasses import replace
 from functools import cache, cached_property
 from itertools import islice
@@ -92,7 +93,8 @@ def posed(tables: dict[str, Any], folder: Folder, faults: Faults) -> tuple[Probl
             return problem, prepared(problem)
         except ValueError as error:
             reason = misfit(len(tables["load"]), error)
-            if str(error).startswith(integrator.name):
+            with suppress(ValueError):
+                prepared(problem.replace(integrator=DEFAULT, order=None))
                 reason = Fault("integrator.name", f"{shown(integrator.name)} ({error})", CAPABLE)
     if time is not None:
         _locate(time, system, given, faults)

@@ -109,12 +109,11 @@ class State:
         call(term.function, self.t, at, at, found)
 
 
-class DualMemory(NamedTuple):
-    """Dual numbers in memory, with derivatives in as many directions as there are lanes."""
+class DualMemory:
+    """Dual numbers in memory, with derivatives in as many directions as there are lanes, one stride apart."""
 
-    values: Any
-    tangents: Any
-    stride: Any  # from the derivatives of a number to those of the next
+    def __init__(self, values: Any, tangents: Any, stride: Any) -> None:
+        self.values, self.tangents, self.stride = values, tangents, stride
 
     def load(self, k: Any, n: int = 1) -> Dual:
         """Return the number at a place."""

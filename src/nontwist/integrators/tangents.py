@@ -175,13 +175,13 @@ class ForwardTangents:
         state, turns = aligned(size_of(State) + 7), np.zeros((count, 3, 3))
         found, scale = aligned(count, 6, self._padded, empty=True), np.ones(1)
         own, calls = steps.workspace(), Calls()
-        fixed_arrays = {"factor": scale, "state": x, "changes": fixed, "carried": state, "start": state[-7:]}
+        how: dict[str, Any] = {"factor": scale, "state": x, "changes": fixed, "carried": state, "start": state[-7:]}
         for chunk in self._chunks:
             fixed[rows:] = 0.0
             fixed[chunk.arrays["used"], : self._count] = chunk.arrays["changes"][:, : self._count]
-            ends, own_turns = found[chunk.first_stored :], turns[chunk.first_stored :]
-            own_arrays = {"states": ends, "turns": own_turns, "padded": self._padded, "is_first": chunk.first == 0}
-            block = steps.block(own, chunk, **fixed_arrays, **own_arrays)
+            how |= {"states": found[chunk.first_stored :], "turns": turns[chunk.first_stored :]}
+            how |= {"padded": self._padded, "is_first": chunk.first == 0}
+            block = steps.block(own, chunk, **how)
             calls.append((block, address_of(block), chunk))
         x[:] = fixed
         return x, state, found, turns, scale, calls, (own, fixed)

@@ -15,7 +15,7 @@ import re
 from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import replace
-from functools import cache, cached_property
+from functools import cached_property
 from itertools import islice
 from pathlib import Path
 from typing import Annotated, Any, Self
@@ -41,9 +41,9 @@ from ..models.spin import as_spin
 from ..models.system import DirectorSystem
 from ..units import in_datasets
 from .body import Body, SpinTable
-from .files import LARGEST, Fault, Folder, document, overridden, parsed, shown, toml_text
+from .files import LARGEST, Fault, Folder, Keys, document, overridden, parsed, shown, toml_text
 from .loads import AnyLoad, LoadSection, Place
-from .section import Faults, Section, entry, path_in, problems_of
+from .section import Faults, Section, entry, found_in, problems_of
 from .sweep_table import Sweep, key_problems, step_problems, table_problems
 from .tables import AnyEvent, Integrator, Output, Start, Time, options_of
 
@@ -151,7 +151,7 @@ def _integrator(integrator: Integrator, faults: Faults) -> dict[str, Any]:
     try:
         given = table.model_validate(integrator.options).model_dump()
     except ValidationError as error:
-        faults += problems_of(error, integrator.options, table, ("integrator", "options"))
+        faults += problems_of(error, ("integrator", "options"))
     with faults.of("integrator", integrator, "options"):
         kind(**given)
         options = given
@@ -187,6 +187,7 @@ class RunFile(Section):
         The tables of the file with defaults filled in; `sweep` is None if there is no such table.
     """
 
+    is_whole = True
     title: Annotated[str, Field(max_length=200, pattern=r"^[^\x00-\x1f\x7f-\x9f]*$")] | None = entry(
         "a line of text in quotes, at most 200 characters", None
     )
@@ -318,8 +319,8 @@ def checked(name: str, data: dict[str, Any], folder: Folder) -> RunFile:
         file = RunFile.model_validate(data)
         tables = file.tables
     except ValidationError as error:
-        cause, tables = error, _standing(data)
-        faults += islice(problems_of(error, data, RunFile), MOST_PROBLEMS)
+        cause, tables = error, _standing(data, [one.path for one in found_in(error)])
+        faults += islice(problems_of(error), MOST_PROBLEMS)
     if len(faults) < MOST_PROBLEMS:
         time, sweep, scheme = tables["time"], tables["sweep"], tables["integrator"]
         made = posed(tables, folder, further)
@@ -350,34 +351,24 @@ def checked(name: str, data: dict[str, Any], folder: Folder) -> RunFile:
     return file
 
 
-def _standing(data: dict[str, Any]) -> dict[str, Any]:
+def _standing(data: dict[str, Any], wrong: list[Keys]) -> dict[str, Any]:
     """Return the tables that are of the right form once wrong keys are left out; loads and events by their number."""
-    tables = {key: _stands(key, data.get(key, {})) for key in ("body", "start", "time", "integrator", "sweep")}
-    for key in ("load", "event"):
-        entries = data.get(key, [])
-        found = {k: _stands(key, one) for k, one in enumerate(entries if isinstance(entries, list) else [])}
+    single = ("body", "start", "time", "integrator", "sweep")
+    tables = {key: _stands(RunFile.model_fields[key].annotation, data.get(key, {}), (key,), wrong) for key in single}
+    for key, form in (("load", AnyLoad), ("event", AnyEvent)):
+        entries = enumerate(data[key] if isinstance(data.get(key), list) else [])
+        found = {k: _stands(form, one, (key, k), wrong) for k, one in entries}
         tables[key] = {k: one for k, one in found.items() if one is not None}
     return tables
 
 
-def _stands(key: str, value: Any) -> Any:
-    """Return a table, or None; the others of an integrator belong to its name, if that is wrong."""
-    for _ in range(2):
-        try:
-            return _adapter(key).validate_python(value)
-        except ValidationError as error:
-            wrong = {path[0] for one in error.errors() if (path := path_in(value, one["loc"]))}
-            if not wrong or "name" in wrong or not isinstance(value, dict):
-                break
-            value = {key: one for key, one in value.items() if key not in wrong}
+def _stands(form: Any, value: Any, at: Keys, wrong: list[Keys]) -> Any:
+    """Return a table, or None; the other keys of an integrator belong to its name, if that is wrong."""
+    keys = {path[len(at)] for path in wrong if path[: len(at)] == at and len(path) > len(at)}
+    with suppress(ValidationError):
+        if isinstance(value, dict) and "name" not in keys:
+            return TypeAdapter(form).validate_python({key: one for key, one in value.items() if key not in keys})
     return None
-
-
-@cache
-def _adapter(key: str) -> TypeAdapter[Any]:
-    forms: dict[str, Any] = {"load": AnyLoad, "event": AnyEvent}
-    form: Any = forms.get(key) or RunFile.model_fields[key].annotation
-    return TypeAdapter(form)
 
 
 # What a run file will be like, in the words of its keys.

@@ -169,13 +169,12 @@ def test_growth_is_that_of_qr_decompositions_in_the_metric(rows, count, how):
         k = View(Steps, doubles(address)).first
         memory[:, :, : len(M[k : k + LANES])] = np.moveaxis(M[k : k + LANES], 0, -1)
 
-    made, chain = view_of(Steps), view_of(linearised.Chain)
-    made.steps, made.out, chain.together = steps, memory, together
-    chain.steps, chain.batches, chain.width, chain.grown = steps, -(-steps // LANES), rows + 2, count
-    chain.made, chain.make = made.address, ctypes.cast(make, ctypes.c_void_p).value
-    chain.weights, chain.metric, chain.normal = np.linspace(1, 2, 6), metric, n / length
-    chain.state, chain.lengths = x.copy(), lengths
-    getattr(linearised.grow(rows), how)(chain.address)
+    b = view_of(Steps)
+    b.steps, b.batches, b.width, b.grown, b.together = steps, -(-steps // LANES), rows + 2, count, together
+    b.make, b.out = ctypes.cast(make, ctypes.c_void_p).value, memory
+    b.weights, b.metric, b.normal = np.linspace(1, 2, 6), metric, n / length
+    b.state, b.lengths = x.copy(), lengths
+    getattr(linearised.grow(rows), how)(b.address)
     G[:6, :6], G[6:, 6:] = np.diag(np.linspace(1, 2, 6)), metric[: rows - 6, : rows - 6]
     first = x[:, :count]
     for k in range(2):

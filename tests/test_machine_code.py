@@ -120,7 +120,7 @@ def marched(scheme, body, load):
     def record(self, todo, width, first, last):
         block, workspace, _ = self.laid(todo, width, first, last)
         for name in IN_BLOCK:
-            block[getattr(BLOCK, name)] = todo.arrays[0][0, getattr(CALL, name)]
+            block[getattr(BLOCK, name)] = todo.values["rows"][0, getattr(CALL, name)]
         fractions = [gamma for gamma, _ in self.stages.values()]
         owned = [self.sequence, self.stack.stored, self.bodies, self.scales, self.sizes, self.table, self.lengths]
         owned = [a for a in (*owned, workspace, *self.loads, *fractions) if a is not None]

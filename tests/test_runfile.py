@@ -357,6 +357,8 @@ def test_overrides(write):
     assert lines(write, text, "body.mas=2")[0].startswith("body.mas: unknown key -> did you mean mass?")
     assert lines(write, text, "step=0.1")[0].startswith("step: unknown key -> did you mean time.step?")
     assert lines(write, text, "load.0.frequency=2")[0].endswith('; it belongs to kind = "sine"')
+    turned = "start.rotation={matrix=[[1, 0, 0], [0, 1, 0], [0, 0, 1]], unit='deg'}"
+    assert lines(write, text, turned)[0].endswith("; it belongs to { vector = ... } or { euler = ... }")
     shape = "body.inertia={cuboid={mass=1, lengths=[1, 2, 3], offset=[0, 0, 1]}}"
     (told,) = lines(write, text, shape)
     assert told.endswith("cuboid.offset: unknown key -> did you mean body.inertia.offset? known are mass, lengths")

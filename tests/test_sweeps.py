@@ -274,6 +274,14 @@ def test_members_that_fail_do_not_stop_the_others(write, tmp_path, capsys):
         sweep_member(tmp_path / "store", 1)
 
 
+def test_a_load_of_wrong_numbers_is_a_member_that_fails(tmp_path):
+    spring = Problem(standard([1, 2, 2.5]), t_end=1, step=0.1, load=nt.spring(1.0, (0, 0, 1), (0, 0, 2)))
+    many = sweep(spring, tmp_path / "store", over={"load.0.stiffness": [-1.0, 1.0]})
+    assert many.status.values.tolist() == [-1, 0]
+    with pytest.raises(RunFileError, match=r"load\.0\.stiffness: -1\.0 -> a positive number"):
+        sweep_member(tmp_path / "store", 0)
+
+
 def test_all_refused_is_reported_before_anything_is_written(write, tmp_path):
     text = HELD.replace("project = true", "project = false")
     with pytest.raises(RunFileError, match=r"spin|project"):

@@ -13,11 +13,10 @@ five equations, whose derivatives A are those of the discrete run (`linearised`)
 Aᵀλ``. So what is left, ``|y - Aᵀλ|/|y|`` with the best λ, certifies the table: it is the gradient of the effort along
 the moments that reach the goal, relative to the gradient.
 
-The solution. Newton's iteration for y and λ along c = 0. Its matrix is I less the second derivatives of λ·c. These act
-mostly on a few smooth tables, so conjugate gradients in the tangent space take few products with it; each is a
-difference of Aᵀλ. A direction along which the matrix is not positive is followed downhill. Each step is brought back to
-c = 0 by the shortest corrections, and made shorter until the effort has become less. The first guess goes along the
-path of `steer` with the speed ``6 t (1 - t)``: the least effort for a great circle of a round body.
+The solution. SciPy's method of trust regions (`trust-constr`) for y and λ. Its matrix is I less the second derivatives
+of λ·c; products with these are differences of Aᵀλ. A direction along which it is not positive is followed downhill. The
+first guess goes along the path of `steer` with the speed ``6 t (1 - t)``: the least effort for a great circle of a
+round body.
 
 What is found is a minimum next to the shortest path; whether one far away is lower is not decided. It goes a longer
 way: to follow the shortest path the axis must turn into a circle at once, which takes moments.
@@ -30,6 +29,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -57,12 +57,11 @@ if TYPE_CHECKING:
 STEPS = 80  # at least
 FEWEST, MOST = 4, 401  # nodes
 PARALLEL = 1e-12
-ITERATIONS, PRODUCTS, HALVINGS, CORRECTIONS, PATIENT, STALE = 80, 40, 20, 8, 60, 3
+ITERATIONS = 300
 CERTIFIED, NEARLY = 1e-10, 1e-6  # projected gradient; where round-off allows no less
-REACHED, ROUGH = 2e-15, 1e-12  # rad; where it does not fall further
-DIFFERENCE, SLACK = 1e-6, 1e-14  # of y; round-off
-ENOUGH, CURVED = 1e-4, 1e-8  # of the decrease that the slope promises; of the curvature of the effort
-FALLING, FARTHER = 0.7, 4.0  # the next gap over the last one; the next step over the last one
+NARROWEST = 1e-6  # region of trust, of y
+REACHED, FAR = 1e-12, 1e3  # rad
+DIFFERENCE = 1e-6  # of y
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,16 +168,16 @@ def least_effort(
     begin, end = (Rotation.from_quat(last_attitude(value, scalar_first)[0]) for value in (start, target))
     way, trace = steered(begin, end), float(np.trace(system.inertia))
     transfer = Transfer(system.inertia / trace, begin.inv() * end, n)
-    solution = solved(transfer, transfer.along(way)) if way.length > 0 else Solution(np.zeros(2 * n), 0.0, 0.0)
-    table, unit = transfer.table(solution.y), trace / T / T
-    effort = float(solution.y @ solution.y) * unit * unit * T
+    y, gradient, gap = solved(transfer, transfer.along(way)) if way.length > 0 else (np.zeros(2 * n), 0.0, 0.0)
+    table, unit = transfer.table(y), trace / T / T
+    effort = float(y @ y) * unit * unit * T
     if not (math.isfinite(effort) and (effort > 0 or way.length == 0)):
         raise ValueError(
             f"the moments for t_end = {T:g} s are too large or too small for a number; choose units of time, length "
             "and mass in which the numbers are nearer to 1"
         )
     length = path_length(transfer.inertia, transfer.times, table)
-    return LeastEffort(begin, T * transfer.times, unit * table, effort, length, solution.gradient, solution.gap)
+    return LeastEffort(begin, T * transfer.times, unit * table, effort, length, gradient, gap)
 
 
 def require_nontwisting(system: DirectorSystem) -> None:
@@ -212,7 +211,6 @@ def path_length(inertia: Array, times: Array, table: Array) -> float:
 class Ends(NamedTuple):
     """Where a table leads to: c and its derivatives by y."""
 
-    y: Array
     gap: Array  # (5,)
     slopes: Array  # (5, k)
 
@@ -248,12 +246,12 @@ class Transfer:
         rate = way.length * ((6 - 12 * t) * along + c * speed**2 * left)
         return (self._root.T @ (rate @ self.inertia)[:, :2]).ravel()
 
-    def ends(self, y: Array) -> Ends | None:
-        """Return where the moments lead to; None where a step turns too far."""
+    def ends(self, y: Array) -> Ends:
+        """Return where the moments lead to: far away where a step turns too far."""
         problem = replace(self._problem, load=body_moment(self.times, self.table(y)))
         outcome = completion.march(self._scheme, problem)
         if outcome.failures[0, 0] != Status.OK:
-            return None
+            return Ends(np.full(5, FAR), np.zeros((5, y.size)))
         from scipy.spatial.transform import Rotation
 
         states = outcome.states.part(0)
@@ -264,119 +262,47 @@ class Transfer:
         off = (self.goal.inv() * Rotation.from_quat(states.quaternion[-1])).as_rotvec()
         by_table = np.concatenate([rotations.dexp_inverse(-off) @ X[:3], X[3:5]]).reshape(5, -1, 3)[:, :, :2]
         slopes = np.einsum("lk,mkc->mlc", self._inverse, by_table).reshape(5, -1)
-        return Ends(y, np.concatenate([off, states.velocity[-1, :2]]), slopes)
+        return Ends(np.concatenate([off, states.velocity[-1, :2]]), slopes)
 
 
-class Solution(NamedTuple):
-    """A table of moments, and what is left of the conditions for the least effort."""
-
-    y: Array
-    gradient: float
-    gap: float
-
-
-def solved(transfer: Transfer, y: Array) -> Solution:
-    """Return the least effort near a guess.
+def solved(transfer: Transfer, guess: Array) -> tuple[Array, float, float]:
+    """Return the table of least effort near a guess, its projected gradient, and its gap.
 
     Raises
     ------
     RuntimeError
         None is found.
     """
-    search, best, stale = Search(transfer), None, 0
-    here, left, radius = search.reached(y, PATIENT), np.inf, float(np.linalg.norm(y))
-    for _ in range(ITERATIONS):
-        if here is None or stale == STALE:
-            break
-        size = float(np.linalg.norm(here.y))
-        multipliers = least_squares(here.slopes.T, here.y)
-        rest = here.y - here.slopes.T @ multipliers
-        now = float(np.linalg.norm(rest)) / size
-        stale = stale + 1 if FALLING * left < now <= NEARLY else 0
-        if now < left:
-            best, left = here, now
-        if left <= CERTIFIED:
-            break
-        step = search.step(here, multipliers, rest, min(radius, size))
-        here, radius = search.onward(here, multipliers, step)
-    if best is None or left > NEARLY:
+    from scipy.optimize import NonlinearConstraint, minimize
+
+    size = float(np.linalg.norm(guess))
+
+    @lru_cache(maxsize=4)
+    def ends(table: bytes) -> Ends:
+        return transfer.ends(size * np.frombuffer(table))
+
+    reached = NonlinearConstraint(
+        lambda x: ends(x.tobytes()).gap,
+        0.0,
+        0.0,
+        jac=lambda x: size * ends(x.tobytes()).slopes,
+        hess="2-point",
+        finite_diff_rel_step=DIFFERENCE,
+    )
+    found = minimize(
+        lambda x: x @ x / 2,
+        guess / size,
+        jac=lambda x: x,
+        hess=lambda x: np.eye(len(x)),
+        constraints=reached,
+        method="trust-constr",
+        options={"gtol": CERTIFIED, "xtol": NARROWEST, "maxiter": ITERATIONS},
+    )
+    y, (gap, slopes) = size * found.x, ends(found.x.tobytes())
+    left = float(np.linalg.norm(y - slopes.T @ np.linalg.lstsq(slopes.T, y, rcond=None)[0]) / np.linalg.norm(y))
+    if not (left <= NEARLY and abs(gap).max() <= REACHED):
         raise RuntimeError(
             f"no least effort is found: the projected gradient is still {left:.1e} of the gradient; use more nodes, "
             "or a target that is further away"
         )
-    return Solution(best.y, left, float(abs(best.gap).max()))
-
-
-def least_squares(A: Array, b: Array) -> Array:
-    """Return the shortest x with the least |Ax - b|."""
-    return np.asarray(np.linalg.lstsq(A, b, rcond=None)[0], dtype=np.float64)
-
-
-class Search:
-    """Newton's iteration along the tables that reach the goal."""
-
-    def __init__(self, transfer: Transfer) -> None:
-        self.ends = transfer.ends
-
-    def reached(self, y: Array, runs: int = CORRECTIONS) -> Ends | None:
-        """Return a table near y that reaches the goal; None where so many runs find none."""
-        best, part = self.ends(y), 1.0
-        change = np.zeros_like(y)
-        for _ in range(runs):
-            if best is None:
-                return None
-            gap = float(abs(best.gap).max())
-            if gap <= REACHED:
-                return best
-            if part == 1.0:
-                change = -least_squares(best.slopes, best.gap)
-            there = self.ends(best.y + part * change)
-            if there is not None and float(abs(there.gap).max()) <= (1 - part / 2) * gap:
-                best, part = there, 1.0
-            elif gap <= ROUGH:
-                return best
-            else:
-                part /= 2
-        return None
-
-    def step(self, here: Ends, multipliers: Array, rest: Array, radius: float) -> Array:
-        """Return Newton's step along c = 0, by conjugate gradients, of a length up to `radius` (Steihaug)."""
-        across, size = np.linalg.qr(here.slopes.T)[0], float(np.linalg.norm(here.y))
-        d, r = np.zeros_like(rest), -rest
-        p, square = r, float(r @ r)
-        enough = min(np.sqrt(square) / size, 0.1) ** 2 * square
-        for _ in range(PRODUCTS):
-            length = float(np.linalg.norm(p))
-            there = self.ends(here.y + (e := DIFFERENCE * size / length) * p)
-            if there is None:
-                break
-            h = p - (there.slopes - here.slopes).T @ multipliers / e
-            h -= across @ (across.T @ h)
-            curvature = float(p @ h)
-            step = square / curvature if curvature > CURVED * length**2 else np.inf
-            if not np.linalg.norm(d + min(step, 2 * radius / length) * p) < radius:
-                a, b, c = length**2, float(d @ p), float(d @ d) - radius**2
-                return d + (np.sqrt(b * b - a * c) - b) / a * p
-            d, r = d + step * p, r - step * h
-            before, square = square, float(r @ r)
-            if square <= enough:
-                break
-            p = r + square / before * p
-        return d
-
-    def onward(self, here: Ends, multipliers: Array, step: Array) -> tuple[Ends | None, float]:
-        """Return a table with less effort in the direction of a step, None: there is none; and how far to go next."""
-        slope, length, part = float(here.y @ step), float(np.linalg.norm(step)), 1.0
-
-        def effort(there: Ends) -> float:
-            """Return the effort at a goal that is reached exactly."""
-            return float(there.y @ there.y / 2 - multipliers @ there.gap)
-
-        before = effort(here)
-        slack = SLACK * (before + float(abs(multipliers).sum()))  # rad of round-off in c
-        for _ in range(HALVINGS):
-            there = self.reached(here.y + part * step)
-            if there is not None and effort(there) <= before + slack + ENOUGH * part * slope:
-                return there, length * (FARTHER if part == 1.0 else part)
-            part /= 2
-        return None, 0.0
+    return y, left, float(abs(gap).max())

@@ -32,13 +32,12 @@ adds to them it gives itself, as a second function that returns its derivatives 
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Annotated, Any, NamedTuple
 
 from ..kernels import machine_code
 from ..kernels.control import Variables, loop, when
 from ..kernels.dual import Dual, plain, tangent
-from ..kernels.elements import Whole, cos, larger, logical_not, remade, select, sin, sqrt
+from ..kernels.elements import cos, larger, logical_not, select, sin, sqrt
 from ..kernels.kernel import kernel
 from ..kernels.memory import Doubles, View, call, doubles, fields, memory_at, put, scratch, vector_at
 from ..kernels.vectors import Matrix, Vector, cross, inverse_of
@@ -88,66 +87,48 @@ GIVEN = W + 4  # numbers that a function of the state gets
 AT, ENDS = 16, 32  # within the scratch: what V is called with, and what it gives at both ends
 
 
-class Numbers:
-    """The numbers of a record, read with their derivatives by `seeded`."""
-
-    def __init__(self, view: View, seeded: Callable[[Any, int], Any], first: int) -> None:
-        self._view, self._seeded, self._first = view, seeded, first
-
-    def number(self, place: Any) -> Any:
-        """Return the number at a place of the record."""
-        return self._seeded(self._view.number(place), self._first + place)
-
-    def __getattr__(self, name: str) -> Any:
-        found = getattr(self._view, name)
-        is_whole = isinstance(found, Whole | int)
-        return found if is_whole else self._seeded(found, self._first + fields(self._view._record)[name].offset)
-
-
 class State:
     """A state at which terms are evaluated, on plain numbers."""
 
     def __init__(self, memory: Any) -> None:
         self.memory, self.view = memory, View(StateCall, memory)
-        x, self.scratch = Numbers(self.view, self.seeded, 0), memory.shifted(SCRATCH)
+        self.scratch, x = memory.shifted(SCRATCH), View(StateCall, self.seeded(memory, 0))
         self.d, self.w, self.half, self.t = x.directors, x.w, x.half, x.t
 
-    def seeded(self, x: Any, place: Any) -> Any:
-        """Return numbers with their derivatives."""
-        return x
+    def seeded(self, memory: Any, place: Any) -> Any:
+        """Return memory whose numbers have the derivatives of the seeds from a place on."""
+        return memory
 
-    def lifted(self, x: Any) -> Any:
-        """Return numbers as those that variables begin with."""
-        return x
-
-    def of_state(self, term: Numbers, count: int) -> Any:
+    def of_state(self, term: View, count: int) -> Any:
         """Return what a function of the state gives, in memory."""
         call(term.function, self.t, self.memory, self.memory.shifted(W), self.scratch)
         return self.scratch
 
-    def of_potential(self, term: Numbers, at: Any, found: Any) -> None:
+    def of_potential(self, term: View, at: Any, found: Any) -> None:
         """Set V and its gradient for what is seen."""
         call(term.function, self.t, at, at, found)
 
 
 class DualMemory:
-    """Dual numbers in memory, with derivatives in as many directions as there are lanes."""
+    """Dual numbers in memory, with derivatives in as many directions as there are lanes, one stride apart."""
 
-    def __init__(self, values: Any, tangents: Any) -> None:
-        self.values, self.tangents = values, tangents
+    def __init__(self, values: Any, tangents: Any, stride: Any) -> None:
+        self.values, self.tangents, self.stride = values, tangents, stride
 
-    def __getitem__(self, k: Any) -> Dual:
-        side = machine_code.lanes()
-        return Dual(self.values[k], [self.tangents.load(k * side, side)])
+    def load(self, k: Any, n: int = 1) -> Dual:
+        """Return the number at a place."""
+        return Dual(self.values[k], [self.tangents.load(k * self.stride, machine_code.lanes())])
 
     def __setitem__(self, k: Any, x: Any) -> None:
-        side = machine_code.lanes()
         self.values[k] = plain(x)
-        self.tangents.store(k * side, tangent(x, 0), side)
+        self.tangents.store(k * self.stride, tangent(x, 0), machine_code.lanes())
 
-    def shifted(self, k: Any) -> DualMemory:
-        """Return the memory of what lies k numbers further."""
-        return DualMemory(self.values.shifted(k), self.tangents.shifted(k * machine_code.lanes()))
+    def shifted(self, k: Any, is_whole: bool = False) -> Any:
+        """Return the memory of what lies k numbers further; that of whole numbers has no derivatives."""
+        values = self.values.shifted(k, is_whole)
+        return values if is_whole else DualMemory(values, self.tangents.shifted(k * self.stride), self.stride)
+
+    __getitem__ = load
 
 
 class DualState(State):
@@ -156,32 +137,23 @@ class DualState(State):
     def __init__(self, own: View, memory: Any, first: Any) -> None:
         self._own, self._first, side = own, first, machine_code.lanes()
         super().__init__(memory)
-        self.scratch = DualMemory(self.scratch, scratch(fields(StateCall)["scratch"].size * side))
-        self._numbers = DualMemory(scratch(GIVEN + MOST_NUMBERS), scratch((GIVEN + MOST_NUMBERS) * side))
+        self.scratch = DualMemory(self.scratch, scratch(fields(StateCall)["scratch"].size * side), side)
+        self._numbers = DualMemory(scratch(GIVEN + MOST_NUMBERS), scratch((GIVEN + MOST_NUMBERS) * side), side)
         self._table = scratch((1 + FORCES // 2 + 3) * (1 + GIVEN + MOST_NUMBERS))
 
-    def seeded(self, x: Any, place: Any) -> Any:
-        """Return numbers as duals."""
-        if isinstance(x, tuple):
-            size = 3 if isinstance(x, Matrix) else 1
-            return remade(x, [self.seeded(y, place + size * k) for k, y in enumerate(x)])
+    def seeded(self, memory: Any, place: Any) -> Any:
+        """Return memory of duals."""
         own = self._own
-        return Dual(x, [own.seeds.load(place * own.directions + self._first, machine_code.lanes())])
+        return DualMemory(memory, own.seeds.shifted(place * own.directions + self._first), own.directions)
 
-    def lifted(self, x: Any) -> Any:
-        """Return numbers as those that variables begin with: as duals."""
-        if isinstance(x, tuple):
-            return remade(x, [self.lifted(y) for y in x])
-        return x if isinstance(x, Dual) else Dual(x, [0.0 * self._own.seeds.load(0, machine_code.lanes())])
-
-    def of_state(self, term: Numbers, count: int) -> Any:
+    def of_state(self, term: View, count: int) -> Any:
         """Return what a function of the state gives, in memory."""
         put(self._numbers, (self.d, self.w, self.t))
         call(term.slopes, plain(self.t), self.memory, self.memory.shifted(W), self._table)
         self._chain(GIVEN, term, count, self.scratch)
         return self.scratch
 
-    def of_potential(self, term: Numbers, at: DualMemory, found: DualMemory) -> None:
+    def of_potential(self, term: View, at: DualMemory, found: DualMemory) -> None:
         """Set V and its gradient for what is seen."""
         n = 3 * term.dimension
         for k in loop(n):
@@ -189,7 +161,7 @@ class DualState(State):
         call(term.slopes, plain(self.t), at.values, at.values, self._table)
         self._chain(n, term, 1 + n, found)
 
-    def _chain(self, n: Any, term: Numbers, count: Any, found: DualMemory) -> None:
+    def _chain(self, n: Any, term: View, count: Any, found: DualMemory) -> None:
         """Set what is found from the table of values and derivatives by the n numbers given, and those of the term."""
         numbers = self._numbers
         for k in loop(term.numbers):
@@ -206,19 +178,22 @@ class DualState(State):
 class Potential(NamedTuple):
     """A potential at a state."""
 
-    term: Numbers
-    row: Any  # its numbers
+    term: View
     state: State
+
+    def given(self, n: Any) -> Vector:
+        """Return the vector number n as it was given."""
+        return Vector(*(self.term.number(TERM.vectors + 3 * n + k) for k in range(3)))
 
     def space_vector(self, n: Any) -> Vector:
         """Return the vector number n; one on an orbit turns with the radius."""
-        term, v = self.term, Variables(a=self.state.lifted(vector_at(self.row, TERM.vectors + 3 * n)))
+        term, v = self.term, Variables(a=self.given(n))
         for _ in when(term.kind == ORBITING):
             angle = term.stiffness * (self.state.t - term.rest)
             v.x, v.y = cos(angle), sin(angle)
             for _ in when(plain(term.square) > 0.0):
                 v.x, v.y = on_orbit(angle, term.square)
-            v.a = v.x * v.a + v.y * vector_at(self.row, TERM.vectors + 3)
+            v.a = v.x * v.a + v.y * self.given(1)
         return v.a
 
     def gradient(self, n: Any, g: Vector) -> Vector:
@@ -240,14 +215,14 @@ class Potential(NamedTuple):
         """Set what V is called with: the vectors as seen in the middle of the step, or at one of its ends."""
         state = self.state
         for n in loop(self.term.dimension):
-            g = state.d @ vector_at(self.row, TERM.vectors + 3 * n)
+            g = state.d @ self.given(n)
             put(state.scratch.shifted(AT), g + sign * cross(state.half, g), 3 * n)
 
     def evaluate(self) -> None:
         """Set the scratch to V, its gradient at the mean, and what Δγ is multiplied by."""
         state, term, half = self.state, self.term, self.state.half
         scratch, at, ends = state.scratch, state.scratch.shifted(AT), state.scratch.shifted(ENDS)
-        factor, zero = 1 + 3 * term.dimension, state.lifted(0.0)
+        factor, zero = 1 + 3 * term.dimension, state.t - state.t
         v = Variables(length=zero, across=zero, first=zero, along=zero)
         self.set_arguments(0.0)
         for n in loop(term.dimension):
@@ -286,22 +261,22 @@ def without_turn(d: Matrix, m: Vector) -> Vector:
 def moments_at(state: State) -> tuple[Vector, Vector]:
     """Return the moments of the load and of potentials at a state as the action has them; set σ."""
     d, view = state.d, state.view
-    zero, action = state.lifted(0.0 * view.directors), view.action
+    zero, action = d - d, view.action
     v = Variables(F=zero, H=zero, torque=zero[0], free=zero[0])
     for _ in when(view.node != 0):
-        memory = doubles(view.node)
-        table = [state.seeded(vector_at(memory, 3 * i), OF_TABLE + 3 * i) for i in range(6)]
-        v.F = Matrix(*table[:3]) + Matrix(*table[3:]) @ d
+        table = state.seeded(doubles(view.node), OF_TABLE)
+        inner, along = (Matrix(*(vector_at(table, k + 3 * i) for i in range(3))) for k in (0, 9))
+        v.F = inner + along @ d
     count = memory_at(view.terms, True)[0]
     for k in loop(count):
         row = doubles(view.terms + 8 * (1 + TERM.size * k))
-        term = Numbers(View(Term, row), state.seeded, OF_TERMS + TERM.size * k)
+        term = View(Term, state.seeded(row, OF_TERMS + TERM.size * k))
         for _ in when(term.kind == OF_FORCES):
             found = state.of_state(term, 9)
             v.F = v.F + term.scale * Matrix(*(vector_at(found, 3 * i) for i in range(3)))
         for _ in when(term.kind == OF_MOMENT):
             v.free = v.free + term.scale * vector_at(state.of_state(term, 3))
-        potential = Potential(term, row, state)
+        potential = Potential(term, state)
         for n in loop(term.dimension):
             a = potential.space_vector(n)
             g = term.scale * potential.gradient(n, d @ a)

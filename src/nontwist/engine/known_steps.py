@@ -17,7 +17,7 @@ from ..kernels import machine_code
 from ..kernels.control import Variables, loop
 from ..kernels.dual import Dual, jacobian, plain, tangent
 from ..kernels.elements import remade
-from ..kernels.memory import Doubles, View, call, scratch, size_of
+from ..kernels.memory import Doubles, View, Wholes, call, scratch, size_of
 from ..kernels.vectors import AXES, Matrix, Quaternion, Symmetric, Vector, attitude, cross, sum_of
 from .generalised import STATE, Sloped
 from .marching import Text
@@ -56,11 +56,16 @@ def column_offsets(rows: int, wanted: Wanted, stages: int = 1) -> dict[str, int]
 
 
 class Steps(NamedTuple):
-    """Some steps, and where matrices go: entry (i, j) of that of the step first + k at ``(i width + j) LANES + k``."""
+    """Some steps, what makes their matrices, and what goes through these (`linearised`).
 
-    stages: int
+    Entry (i, j) of the matrices of the step first + k lies at ``(i width + j) LANES + k`` of `out`.
+    """
+
     steps: int
+    batches: int  # of `LANES` steps
+    make: int  # address of what makes the matrices of a batch
     first: int  # of the steps whose matrices are made
+    rows: int  # of the state
     width: int  # columns: of the state, and of the inputs
     sizes: Doubles  # (steps,) of the steps
     quaternions: Doubles  # (steps + 1, 4) scalar last
@@ -85,6 +90,35 @@ class Steps(NamedTuple):
     out: Doubles
     workspace: int
     failed: int  # how many steps could not be solved again
+    # What parameters do to the inputs.
+    padded: int  # parameters, rounded up to a multiple of `LANES`
+    fixed: int  # entries of all steps
+    columns: Wholes  # back: of the fixed entries, and their parameters, values
+    parameters: Wholes
+    values: Doubles
+    inputs: int  # forward: how many columns have fixed entries, which, and these as rows (inputs, padded)
+    used: Wholes
+    changes: Doubles  # taken at once (width, padded)
+    begins: Wholes  # (steps + 1,) where the entries of each step begin; 0: there are none
+    own_columns: Wholes
+    own_parameters: Wholes
+    own_values: Doubles
+    # What goes through the steps.
+    state: Doubles  # X (rows, padded), taken at once with the inputs (width, padded); or λ (rows,)
+    is_stored: Wholes  # (steps,) 1: the state at the end of the step is stored
+    states: Doubles  # forward (stored, 6, padded); back (stored, 6), derivatives of f by attitude and velocity
+    found: Doubles  # back: (padded,) df/dp
+    scratch: Doubles  # back: (width,)
+    grown: int  # growth: how many changes, at most `LANES`
+    together: int  # steps between two times at which they are made orthonormal
+    weights: Doubles  # (6,) 1 over the squares of the units
+    metric: Doubles  # (6, 6) the same of the entries of N, which count as those in the body
+    normal: Doubles  # (rows,) a change that the body may not have, of length 1; 0 if there is none
+    lengths: Doubles  # (times, grown) R_kk
+    carried: Doubles  # taken at once: `State`
+    start: Doubles  # quaternion, scalar last, and W
+    is_first: int  # 1: they are those at the beginning of these steps
+    turns: Doubles  # (stored, 3, 3) the attitudes there, relative to the stored ones
 
 
 STEPS = offsets_of(Steps)

@@ -36,7 +36,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from functools import lru_cache
 from itertools import product as iterate
-from typing import Any, NamedTuple
+from typing import Any
 
 from ..kernels import machine_code
 from ..kernels.control import Variables, loop, when
@@ -44,60 +44,22 @@ from ..kernels.dual import plain, tangent
 from ..kernels.elements import any_of, fma, logical_not, select, smaller, sqrt
 from ..kernels.kernel import Kernel, kernel
 from ..kernels.machine_code import width
-from ..kernels.memory import Doubles, View, Wholes, call, doubles, load, put, store, vector_at
+from ..kernels.memory import View, call, doubles, load, put, store, vector_at
 from ..kernels.vectors import Matrix, Quaternion, Symmetric, Vector, attitude, cross
 from .known_steps import LANES, Directions, FunctionCalls, Known, KnownStep, Steps, Wanted, column_offsets, tilted
 from .marching import UNIT, Text
 from .newton import Solved
-from .records import FORCES, Body, Parts, State, offsets_of
+from .records import FORCES, Body, Parts, State
 from .sampling import mean
 from .workspace import entered, turned_into
 
 
-class Chain(NamedTuple):
-    """What goes through the steps."""
-
-    steps: int
-    batches: int  # of `LANES` steps
-    make: int  # addresses of what makes the matrices of a batch, and of its `Steps`
-    made: int
-    rows: int  # of the state
-    width: int  # columns of the state and of the inputs
-    padded: int  # parameters, rounded up to a multiple of `LANES`
-    fixed: int  # entries of all steps
-    columns: Wholes  # back: of the fixed entries, and their parameters, values
-    parameters: Wholes
-    values: Doubles
-    inputs: int  # forward: how many columns have fixed entries, which, and these as rows (inputs, count)
-    used: Wholes
-    changes: Doubles
-    begins: Wholes  # (steps + 1,) where the entries of each step begin; 0: there are none
-    own_columns: Wholes
-    own_parameters: Wholes
-    own_values: Doubles
-    state: Doubles  # X (rows, count), or λ (rows,)
-    is_stored: Wholes  # (steps,) 1: the state at the end of the step is stored
-    states: Doubles  # forward (stored, 6, count); back (stored, 6), derivatives of f by attitude and velocity
-    found: Doubles  # back: (count,) df/dp
-    scratch: Doubles  # back: (width,)
-    grown: int  # growth: how many changes, at most `LANES`
-    together: int  # steps between two times at which they are made orthonormal
-    weights: Doubles  # (6,) 1 over the squares of the units
-    metric: Doubles  # (6, 6) the same of the entries of N, which count as those in the body
-    normal: Doubles  # (rows,) a change that the body may not have, of length 1; 0 if there is none
-    lengths: Doubles  # (times, count) R_kk
-
-
-CHAIN = offsets_of(Chain)
-
-
-def each_step(c: Any, back: bool = False) -> Iterator[tuple[Any, Any]]:
+def each_step(b: View, back: bool = False) -> Iterator[tuple[Any, Any]]:
     """Yield the number of each step and its matrices, from the last one on `back`."""
-    b = View(Steps, doubles(c.made))
-    for batch in loop(c.batches, whilst=lambda: b.failed == 0):
-        b.first = first = LANES * (c.batches - 1 - batch if back else batch)
-        call(c.make, c.made)
-        count = smaller(LANES, c.steps - first)
+    for batch in loop(b.batches, whilst=lambda: b.failed == 0):
+        b.first = first = LANES * (b.batches - 1 - batch if back else batch)
+        call(b.make, b.address)
+        count = smaller(LANES, b.steps - first)
         for k in loop(count):
             n = count - 1 - k if back else k
             yield first + n, b.out.shifted(n)
@@ -123,15 +85,16 @@ def chain_forward(rows: int) -> Kernel:
     """Return what carries X, of so many rows, through the steps, and writes six rows of it where states are stored."""
 
     def text(address: Any) -> None:
-        c, lanes = View(Chain, doubles(address)).read(), width()
-        x, v = c.state, Variables(done=0)
+        b, lanes = View(Steps, doubles(address)), width()
+        c, v = b.read(), Variables(done=0)
+        x = c.state
 
         def add(row: Any, k: Any, y: Variables) -> None:
             """Add what the fixed entries do."""
             for j in loop(c.inputs):
                 y.y = fma(row[c.used[j] * LANES], load(c.changes, j * c.padded + k), y.y)
 
-        for n, M in each_step(c):
+        for n, M in each_step(b):
             multiply(c, M, rows, c.padded, add)
             for _ in when(c.begins.address != 0):
                 for e in loop(c.begins[n], c.begins[n + 1]):
@@ -150,11 +113,12 @@ def chain_forward(rows: int) -> Kernel:
 @kernel("i8")
 def chain_back(address: Any) -> None:
     """Carry λ back through the steps, and add what the parameters do to f."""
-    c = View(Chain, doubles(address)).read()
+    b = View(Steps, doubles(address))
+    c = b.read()
     x, y, found, v = c.state, c.scratch, c.found, Variables(left=0)
     for n in loop(c.steps):
         v.left = v.left + c.is_stored[n]
-    for n, M in each_step(c, back=True):
+    for n, M in each_step(b, back=True):
         for _ in when(c.is_stored[n] != 0):
             v.left = v.left - 1
             for i in range(6):
@@ -196,9 +160,9 @@ def grow(rows: int) -> Kernel:
                 x[i * LANES + k] = v.y[i] / length
 
     def text(address: Any) -> None:
-        c = View(Chain, doubles(address)).read()
-        v = Variables(since=0, done=0)
-        for n, M in each_step(c):
+        b = View(Steps, doubles(address))
+        c, v = b.read(), Variables(since=0, done=0)
+        for n, M in each_step(b):
             multiply(c, M, rows, LANES)
             v.since = v.since + 1
             for _ in when((v.since == c.together) | (n + 1 == c.steps)):
@@ -320,21 +284,6 @@ def changes_of(text: Text, known: Known, W: Vector, N: Any) -> list[Any]:
 # Steps taken and linearised at once, of a run whose directions are known: they lie side by side, in lanes.
 
 
-class ForwardRun(NamedTuple):
-    """A run of one body with the changes of its state: rows of `Directions`, `padded` to whole lanes."""
-
-    steps: Doubles  # `Steps`
-    state: Doubles  # `State`
-    padded: int
-    changes: Doubles  # of the state and of the inputs, (width, padded)
-    fixed: Doubles  # the same, where those of inputs are what all steps have
-    chain: Doubles  # `Chain`: which states are stored, changes that each step has beside
-    found: Doubles  # (stored, 6, padded)
-    first: Doubles  # quaternion at the start of the run, scalar last, and W
-    is_first: int  # 1: the run begins with this chunk
-    turns: Doubles  # (stored, 3, 3) the attitudes there, relative to the stored ones
-
-
 class Loaded(Directions):
     """Directions whose derivatives lie in memory, some lanes at a time; at places that are not used they are 0."""
 
@@ -354,12 +303,12 @@ def forward_run(text: Text, parts: Parts, wanted: Wanted, inputs: tuple[int, ...
     none, side = Directions({}, 0), machine_code.lanes()
 
     def kernel(address: Any) -> None:
-        own = View(ForwardRun, doubles(address))
-        b, changes, count = View(Steps, own.steps), own.changes, own.padded
+        b = View(Steps, doubles(address))
+        changes, count = b.state, b.padded
         body, x = View(Body, b.body).read(), View(KnownStep, doubles(b.workspace))
-        scale, memory, chain = b.factor[0] / body.unit, View(State, own.state), View(Chain, own.chain)
-        begin, W = entered(body, own.first, own.first.shifted(4))
-        for _ in when(own.is_first != 0):
+        scale, memory = b.factor[0] / body.unit, View(State, b.carried)
+        begin, W = entered(body, b.start, b.start.shifted(4))
+        for _ in when(b.is_first != 0):
             constrained_W = Vector(W[0], W[1], select(body.k[2] == 0.0, 0.0, W[2]))
             memory.p, memory.s = begin, constrained_W if parts.is_director_scheme else body.momentum_of(constrained_W)
         state = memory.read()
@@ -367,7 +316,7 @@ def forward_run(text: Text, parts: Parts, wanted: Wanted, inputs: tuple[int, ...
         for i in loop(b.steps, whilst=lambda: b.failed == 0):
             x.h = b.sizes[i]
             read_loads(parts, b, x, i)
-            add_own(own, chain, i, True)
+            add_own(b, i, True)
             now, at, calls = v.state, x.read(), FunctionCalls(parts, b, dict(wanted), Solved())
             R, W = attitude(now.p), parts.velocity(body, now.s)
             N = Symmetric(*now.auxiliary[:6]) if parts.is_director_scheme else ()
@@ -384,11 +333,11 @@ def forward_run(text: Text, parts: Parts, wanted: Wanted, inputs: tuple[int, ...
             for _ in when(found.stalled | found.far | logical_not(found.gap <= UNIT)):
                 b.failed = b.failed + 1
             v.state = found.state
-            add_own(own, chain, i, False)
-            for _ in when(chain.is_stored[i] != 0):
+            add_own(b, i, False)
+            for _ in when(b.is_stored[i] != 0):
                 for k in loop(0, 6 * count, side):
-                    own.found.store(v.done * 6 * count + k, changes.load(k, side), side)
-                put(own.turns.shifted(9 * v.done), attitude(v.state.p.inverse @ begin))
+                    b.states.store(v.done * 6 * count + k, changes.load(k, side), side)
+                put(b.turns.shifted(9 * v.done), attitude(v.state.p.inverse @ begin))
                 v.done = v.done + 1
         now = v.state
         memory.write(now._replace(auxiliary=(*now.auxiliary, *state.auxiliary[text.auxiliary :])))
@@ -396,10 +345,10 @@ def forward_run(text: Text, parts: Parts, wanted: Wanted, inputs: tuple[int, ...
     return Kernel(kernel, "i8")
 
 
-def add_own(own: View, chain: View, i: Any, adds: bool) -> None:
+def add_own(b: View, i: Any, adds: bool) -> None:
     """Set the changes that the step i has beside those of all steps to the given ones, and add its own, or not."""
-    for _ in when(chain.begins.address != 0):
+    for _ in when(b.begins.address != 0):
         for is_added in (False, True)[: 1 + adds]:
-            for e in loop(chain.begins[i], chain.begins[i + 1]):
-                place = chain.own_columns[e] * own.padded + chain.own_parameters[e]
-                own.changes[place] = own.changes[place] + chain.own_values[e] if is_added else own.fixed[place]
+            for e in loop(b.begins[i], b.begins[i + 1]):
+                place = b.own_columns[e] * b.padded + b.own_parameters[e]
+                b.state[place] = b.state[place] + b.own_values[e] if is_added else b.changes[place]

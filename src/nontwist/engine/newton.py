@@ -22,6 +22,7 @@ from ..kernels.control import Variables, loop, when, whilst
 from ..kernels.dual import Dual, jacobian, seeded, tangent
 from ..kernels.elements import any_of, fma, logical_not, select, without
 from ..kernels.kernel import part
+from ..kernels.memory import put, vector_at
 from ..kernels.vectors import Matrix, Vector, inverse_of, sum_of
 
 EPS = 2.0**-52
@@ -183,10 +184,40 @@ class Scratch(NamedTuple):
         return k if self.lanes == 1 else k * self.lanes
 
 
-def eliminate_once(a: Scratch, m: int, columns: int) -> None:
-    """Let the elimination stand once in the code, whatever the sizes."""
-    v = Variables(m=m, columns=columns)
-    eliminate(a, v.m, v.columns)
+class Blocks:
+    """A matrix in memory, by rows, in blocks of 3 × 3."""
+
+    def __init__(self, memory: Scratch, rows: int, columns: int) -> None:
+        self.memory, self.rows, self.columns = memory, rows, columns
+
+    def __getitem__(self, place: tuple[Any, Any]) -> Matrix:
+        return Matrix(*(vector_at(self.memory, self._at(*place) + r * self.columns) for r in range(3)))
+
+    def __setitem__(self, place: tuple[Any, Any], block: Matrix) -> None:
+        for r, row in enumerate(block):
+            put(self.memory, row, self._at(*place) + r * self.columns)
+
+    def row(self, k: Any) -> Scratch:
+        """Return the row k."""
+        return self.memory.shifted(k * self.columns)
+
+    def column(self, i: Any, c: Any) -> Vector:
+        """Return what a column has in the blocks of a row."""
+        at = self._at(i, 0) + c
+        return Vector(*(self.memory[at + r * self.columns] for r in range(3)))
+
+    def set_column(self, i: Any, c: Any, x: Vector) -> None:
+        """Set it."""
+        for r, y in enumerate(x):
+            self.memory[self._at(i, 0) + r * self.columns + c] = y
+
+    def solve(self) -> None:
+        """Replace the columns behind the square ones by the solutions, for each as right-hand side."""
+        v = Variables(m=self.rows, columns=self.columns)  # so that it stands once in the code, whatever the sizes
+        eliminate(self.memory, v.m, v.columns)
+
+    def _at(self, i: Any, j: Any) -> Any:
+        return 3 * i * self.columns + 3 * j
 
 
 @part

@@ -258,7 +258,14 @@ class Block(NamedTuple):
     step: Doubles  # the step and the time unit
     lengths: Doubles  # (k - 1,) of the stored intervals
     workspace: int
-    calls: Doubles  # a list of calls (`workspace`)
+    # A list of calls (`workspace`).
+    kernel: int  # addresses of what marches and of what marches to an output, unobserved
+    side: int
+    calls: int  # how many
+    rows: Doubles  # (calls,) of `Call`
+    rates: Doubles  # (calls,) 1 over the length of the interval that ends there
+    scratch: Doubles  # for the states of members at the beginning of a step
+    guesses: int  # where the numbers that first guesses are made of begin
 
 
 # Where their fields lie, for what is packed in Python.

@@ -25,9 +25,9 @@ each step balances between any two outputs.
 
 A list with outputs is carried out for a few members at a time. Those within a step come before it.
 
-A prepared march is one call, of what a caller waits for beside the steps. The start lies behind the head, and so does
-what comes back: the sum of the squares of all results, which tells whether numbers are finite and small enough,
-infinite where the run has failed; and the largest |W|² of the stored states.
+A prepared march is one call, of what a caller waits for beside the steps. It gives back the sum of the squares of all
+results, which tells whether numbers are finite and small enough, infinite where the run has failed; and the largest
+|W|² of the stored states.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ from typing import Any, NamedTuple
 from ..kernels.control import Variables, loop, when
 from ..kernels.elements import larger, mapped, real, select, smaller, without
 from ..kernels.kernel import Kernel, kernel, part
-from ..kernels.memory import Doubles, View, call, doubles, fields, put, size_of, vector_at
+from ..kernels.memory import View, call, doubles, fields, put, size_of, vector_at
 from ..kernels.vectors import Matrix, Quaternion, Symmetric, Vector, attitude, compensated, first_moment
 from .records import NODAL, QUANTITIES, Block, Body, Failure, Observed, Parts, State, Sums, Work, offsets_of
 
@@ -284,35 +284,23 @@ class Call(NamedTuple):
     begins: int  # 1: a stretch begins with it
 
 
-class Calls(NamedTuple):
-    """A list of calls."""
-
-    kernel: int  # addresses of what marches and of what marches to an output, unobserved
-    side: int
-    calls: int  # how many
-    rows: int  # (count,) of `Call`
-    rates: Doubles  # (count,) 1 over the length of the interval that ends there
-    scratch: Doubles  # for the states of members at the beginning of a step
-    guesses: int  # where the numbers that first guesses are made of begin
-
-
-CALL, CALLS = offsets_of(Call), offsets_of(Calls)
+CALL = offsets_of(Call)
 IN_BLOCK = Call._fields[: Call._fields.index("output_row")]
 
 
-def begin_call(b: View, head: View, number: Any) -> View:
+def begin_call(b: View, number: Any) -> View:
     """Return a call of the list, with the block made ready for it."""
-    row = View(Call, doubles(head.rows + 8 * size_of(Call) * number))
+    row = View(Call, b.rows.shifted(size_of(Call) * number))
     for name in IN_BLOCK:
         setattr(b, name, getattr(row, name))
     return row
 
 
-def forget(b: View, head: View, first: Any, last: Any) -> None:
+def forget(b: View, first: Any, last: Any) -> None:
     """Clear what first guesses of members are made of: where a stretch begins nothing is known of the step before."""
     for l in loop(first, last):
         state = b.states.shifted(b.order[l] * b.state_size)
-        for k in loop(head.guesses, b.state_size - 2 * b.internal):
+        for k in loop(b.guesses, b.state_size - 2 * b.internal):
             state[k] = 0.0
 
 
@@ -320,12 +308,11 @@ def forget(b: View, head: View, first: Any, last: Any) -> None:
 def carry_out(address: Any) -> None:
     """Carry out the list of calls of a block for the members `begin` to `end` of its order."""
     b = View(Block, doubles(address))
-    head = View(Calls, b.calls)
-    for number in loop(head.calls):
-        row = begin_call(b, head, number)
+    for number in loop(b.calls):
+        row = begin_call(b, number)
         for _ in when(row.begins != 0):
-            forget(b, head, b.begin, b.end)
-        call(head.kernel, address)
+            forget(b, b.begin, b.end)
+        call(b.kernel, address)
 
 
 @lru_cache
@@ -334,31 +321,30 @@ def carry_out_outputs(parts: Parts) -> Kernel:
 
     def some_at_a_time(address: Any) -> None:
         b = View(Block, doubles(address))
-        head = View(Calls, b.calls)
         begin, end = b.begin, b.end
         for first in loop(begin, end, parts.lanes):
             b.begin, b.end = first, smaller(first + parts.lanes, end)
-            for_some(parts, b, head, lambda is_output: call(select(is_output, head.side, head.kernel), address))
+            for_some(parts, b, lambda is_output: call(select(is_output, b.side, b.kernel), address))
         b.begin, b.end = begin, end
 
     return Kernel(some_at_a_time, "i8")
 
 
-def for_some(parts: Parts, b: View, head: View, march: Callable[[Any], None]) -> None:
+def for_some(parts: Parts, b: View, march: Callable[[Any], None]) -> None:
     """Carry out the list for some members, as many as are marched at once: to an output, or onwards."""
     x = View(Work, doubles(b.workspace), parts.lanes)
     first, last, size, v = b.begin, b.end, b.state_size, Variables(are_alive=True)
-    for number in loop(head.calls, whilst=lambda: v.are_alive):
-        row, rate = begin_call(b, head, number), head.rates[number]
+    for number in loop(b.calls, whilst=lambda: v.are_alive):
+        row, rate = begin_call(b, number), b.rates[number]
         is_output = row.output_row != 0
         for _ in when(row.begins != 0):
-            forget(b, head, first, last)
+            forget(b, first, last)
         for l in loop(last - first):
-            copy(b.states.shifted(b.order[first + l] * size), head.scratch.shifted(l * size), size)
+            copy(b.states.shifted(b.order[first + l] * size), b.scratch.shifted(l * size), size)
         march(is_output)
         for _ in when(is_output):
             for l in loop(last - first):
-                copy(head.scratch.shifted(l * size), b.states.shifted(b.order[first + l] * size), size)
+                copy(b.scratch.shifted(l * size), b.states.shifted(b.order[first + l] * size), size)
         v.are_alive = False
         for l in loop(last - first):
             if parts.reports:
@@ -379,43 +365,37 @@ def take_sums(b: View, lane: View, i: Any, is_output: Any, rate: Any) -> None:
             lane.sums.set_number(k, total * select(k >= WORKED, 1.0, rate))
 
 
-class Head(NamedTuple):
-    """What a prepared march is called with."""
+class Prepared(NamedTuple):
+    """What a prepared march is called with, and what comes back."""
 
     block: int  # address; its quaternions are the first of all results
     numbers: int  # how many results
     enter: int  # address of what enters a start, and of what carries out the list of the block
     run: int
-
-
-class Prepared(NamedTuple):
-    """The start, behind the head, and what comes back."""
-
-    p: Quaternion
+    p: Quaternion  # the start
     W: Vector
     factor: float  # of the load
     squares: float
     fastest: float
 
 
-HEAD, PREPARED = offsets_of(Head), offsets_of(Prepared)
+PREPARED = offsets_of(Prepared)
 
 
 @kernel("i8")
 def run_prepared(address: Any) -> None:
-    """March from the start behind the head at the address."""
-    memory = doubles(address)
-    head, own = View(Head, memory), View(Prepared, memory.shifted(HEAD.size))
-    b = View(Block, doubles(head.block))
-    results, velocities = b.quaternions, b.velocities
-    for k in loop(head.numbers):
+    """March from the start that is given."""
+    own = View(Prepared, doubles(address))
+    b = View(Block, doubles(own.block))
+    results, velocities, numbers = b.quaternions, b.velocities, own.numbers
+    for k in loop(numbers):
         results[k] = 0.0
     put(results, own.p)
     put(velocities, own.W)
-    call(head.enter, head.block)
-    call(head.run, head.block)
+    call(own.enter, own.block)
+    call(own.run, own.block)
     v = Variables(squares=0.0 * results[0], fastest=0.0 * results[0])
-    for k in loop(head.numbers):
+    for k in loop(numbers):
         v.squares = v.squares + results[k] * results[k]
     for k in loop(b.output_count):
         w = vector_at(velocities, 3 * k)

@@ -24,6 +24,7 @@ again: by fixed points and, where those do not contract, by Newton's iteration w
 from __future__ import annotations
 
 from functools import lru_cache
+from math import prod
 from typing import Any
 
 from ..engine.known_steps import (
@@ -38,17 +39,17 @@ from ..engine.known_steps import (
     column_offsets,
 )
 from ..engine.linearised import read_ends, read_loads
-from ..engine.newton import ROUND_OFF, Scratch, eliminate_once
+from ..engine.newton import ROUND_OFF, Blocks, Scratch
 from ..engine.records import Body, Parts
 from ..kernels.control import Variables, loop, when, whilst
 from ..kernels.dual import Dual, plain, seeded, tangent
 from ..kernels.elements import any_of, larger, remade, select, smaller, without
 from ..kernels.kernel import Kernel
-from ..kernels.memory import View, doubles, flat, put, size_of, vector_at
+from ..kernels.memory import View, doubles, flat, size_of, vector_at
 from ..kernels.vectors import AXES, Matrix, Quaternion, Vector, attitude, cross, taxicab
 from .gauss import about
 from .gauss_coefficients import TABLE, WIDTH
-from .gauss_newton import column_at, vectors_of_space
+from .gauss_newton import vectors_of_space
 from .gauss_stages import OVERFLOW, VECTOR, VECTORS, ZEROS, Equations, Stage, Stages, iterated
 from .gauss_turns import Line, Steady, Turn
 
@@ -57,27 +58,27 @@ REST = 1e-250  # of velocities: less is what a step leaves of a decay
 STATE = {"turn": 3, "velocity": 3}
 
 
-def scratches(s: int, columns: int) -> dict[str, int]:
-    """Return how many numbers of a lane the matrices of steps of s stages take."""
+def matrices(s: int, columns: int) -> dict[str, tuple[int, int]]:
+    """Return the rows and columns of the matrices that steps of s stages take; blocks belong to stages."""
     return {
-        "C": 9 * s,  # rows of the stages
-        "U": 9 * s * s,
-        "T": 9 * s * s,
-        "by_rows": 27 * s,  # h ∂F/∂g_k
-        "by_end": 9 * s,  # of the turn about a line, by g
-        "Z": 9 * s,  # Σ b_i T_ij
-        "theta": 9 * s,
-        "direct": 9,  # of the turn, by V at the end
-        "adjoint": 18 * s,  # the response
-        "ends": 6 * columns,
-        "along": 4 * columns,  # of a turn about a line: changes of ψ, and of the vector at the end
-        "a": 3 * s * (6 * s + 6),
+        "C": (3 * s, 3),  # rows of the stages
+        "U": (3 * s, 3 * s),
+        "T": (3 * s, 3 * s),
+        "by_rows": (3 * s, 9),  # h ∂F/∂g_k
+        "by_end": (3 * s, 3),  # of the turn about a line, by g
+        "Z": (3 * s, 3),  # Σ b_i T_ij
+        "theta": (3 * s, 3),
+        "direct": (3, 3),  # of the turn, by V at the end
+        "adjoint": (3 * s, 6),  # the response
+        "ends": (6, columns),  # turn and V
+        "along": (columns, 4),  # of a turn about a line: changes of ψ, and of the vector at the end
+        "a": (3 * s, 6 * s + 6),
     }
 
 
 def scratch_size(s: int, columns: int, slopes: int) -> int:
     """Return how many numbers of a lane a kernel needs; `slopes`: those of functions of the state at a node."""
-    return s * (size_of(KnownStep) + slopes) + WIDTH * size_of(Stage) + sum(scratches(s, columns).values())
+    return s * (size_of(KnownStep) + slopes) + WIDTH * size_of(Stage) + sum(map(prod, matrices(s, columns).values()))
 
 
 @lru_cache
@@ -110,10 +111,12 @@ class Collocation:
         self._node_size = (size_of(KnownStep) + self.calls.size) * n
         self._nodes, at = doubles(b.workspace), s * self._node_size
         self.stages = Stages(self._nodes.shifted(at), self.table, s, n, n, False)
-        scratch = Scratch(self._nodes.shifted(at + WIDTH * size_of(Stage) * n), n)
-        self.scratches = dict[str, Scratch]()
-        for name, size in scratches(s, self.columns[""]).items():
-            self.scratches[name], scratch = scratch, scratch.shifted(size)
+        memory, made = Scratch(self._nodes.shifted(at + WIDTH * size_of(Stage) * n), n), list[Blocks]()
+        for rows, columns in matrices(s, self.columns[""]).values():
+            made.append(Blocks(memory, rows, columns))
+            memory = memory.shifted(rows * columns)
+        self.C, self.U, self.T, self.by_rows, self.by_end, self.Z, self.theta, *made = made
+        self.direct, self.adjoint, self.ends, self.along, self.a = made
         self.scale = b.factor[0] / body.unit
 
     # What is known.
@@ -145,18 +148,9 @@ class Collocation:
     def still_rows(self, i: Any) -> Matrix:
         """Return the axes of b at the beginning as seen at a stage, also where those that turn are in an orbit."""
         if not self.parts.orbit:
-            return self.matrix("C", i)
-        cosm1, v = about((self.h * self.table[TABLE.nodes + i]) * self.ends[0])
-        return attitude(Quaternion(1.0 + cosm1, *v)) @ self.matrix("C", i)
-
-    def matrix(self, name: str, k: Any) -> Matrix:
-        """Return a matrix in scratch memory, row by row."""
-        a = self.scratches[name].shifted(9 * k)
-        return Matrix(*(vector_at(a, 3 * r) for r in range(3)))
-
-    def set_matrix(self, name: str, k: Any, A: Any) -> None:
-        """Write a matrix to scratch memory, row by row."""
-        put(self.scratches[name].shifted(9 * k), A)
+            return self.C[i, 0]
+        cosm1, v = about((self.h * self.table[TABLE.nodes + i]) * self.orbital[0])
+        return attitude(Quaternion(1.0 + cosm1, *v)) @ self.C[i, 0]
 
     def weight(self, i: Any) -> Any:
         """Return b_i."""
@@ -178,15 +172,15 @@ class Collocation:
         self.h, B = at.h, body.basis
         R, self.W = attitude(at.p) @ B, (at.W @ B, at.ahead @ B)
         e = self.equations({}, 0)
-        self.plain, self.ends = e, (ZEROS, ZEROS)
+        self.plain, self.orbital = e, (ZEROS, ZEROS)
         p, q = at.p, at.q
         if self.parts.orbit:
             n, o = e.nodes.orbit
             cosm1, v = about((n * self.h) * o)
             p = Quaternion(1.0 + cosm1, *v) @ p
-            self.ends = n * (o @ R), n * (o @ (attitude(q) @ B))
+            self.orbital = n * (o @ R), n * (o @ (attitude(q) @ B))
         self.turn = B.T @ attitude(Quaternion(p[0], -p[1], -p[2], -p[3]) @ q) @ B  # C at the end
-        self.V = self.W[0] - self.ends[0], self.W[1] - self.ends[1]
+        self.V = self.W[0] - self.orbital[0], self.W[1] - self.orbital[1]
         P, ahead = (body.momentum_of(W) for W in self.W)
         e.P, mean = P, 0.5 * (self.V[0] + self.V[1])
         e.sample()
@@ -226,26 +220,20 @@ class Collocation:
         """Return how much a turn at a stage changes V, at most."""
         found = 0.0 * self.h
         for k in range(len(self.names)):
-            A = self.matrix("by_rows", 3 * i + k)
+            A = self.by_rows[i, k]
             found = larger(found, taxicab(A[0]) + taxicab(A[1]) + taxicab(A[2]))
         return found
 
     def set_rows(self, has_inverse: bool) -> None:
         """Find the rows of the stages by their velocities, the vectors g, and U where it is asked for."""
-        s, m, a = self.s, 3 * self.s, self.scratches["a"]
-        vectors_of_space(self.stages, a, self.h, AXES, "V", (), ONES if has_inverse else None)
-        side = 2 * m if has_inverse else m
-
-        def block(i: Any, first: Any) -> Matrix:
-            return Matrix(*(column_at(a, i, side + 3, first + c) for c in range(3)))
-
+        s, k = self.s, ONES if has_inverse else None
+        system = vectors_of_space(self.stages, self.a.memory, self.h, AXES, "V", (), k)
         for i, stage in self.stages.each():
-            C = block(i, side)
-            self.set_matrix("C", i, C)
+            self.C[i, 0] = C = system[i, 2 * s if has_inverse else s].T
             for name, g in zip(self.names, self.plain.start, strict=True):
                 setattr(stage, name, g @ C)
             for j in loop(s if has_inverse else 0):
-                self.set_matrix("U", i * s + j, block(i, m + 3 * j).T)
+                self.U[i, j] = system[i, s + j]
 
     def set_slopes(self) -> None:
         """Set T, h ∂F/∂g, and the residuals of the equations for V."""
@@ -256,44 +244,40 @@ class Collocation:
             if self.parts.calls:
                 W = stage.V + e.orbital(self.vectors(stage)) if self.parts.orbit else stage.V
                 e.nodes.evaluate(i, W, self.vectors(stage), True)
-            F = h * e.rate(i, V, Matrix(*g) if g else (), self.matrix("C", i))
+            F = h * e.rate(i, V, Matrix(*g) if g else (), self.C[i, 0])
             by = [Matrix(*(Vector(*(tangent(x, 3 * k + c) for c in range(3))) for x in F)) for k in range(1 + count)]
             for k in range(count):
-                self.set_matrix("by_rows", 3 * i + k, by[1 + k])
+                self.by_rows[i, k] = by[1 + k]
             for j in loop(s):
                 T = 0.0 * by[0]
                 for A, g in zip(by[1:], self.vectors(self.stages.one(j)), strict=True):
-                    T = T + Matrix(*(cross(row, g) for row in A @ self.matrix("U", i * s + j)))
-                self.set_matrix("T", i * s + j, T)
-            self.set_matrix("T", i * s + i, by[0] + self.matrix("T", i * s + i))
+                    T = T + Matrix(*(cross(row, g) for row in A @ self.U[i, j]))
+                self.T[i, j] = T
+            self.T[i, i] = by[0] + self.T[i, i]
             r = Variables(r=plain(F) + self.sum(i) * self.V[0])
             for j in loop(s):
                 r.r = r.r - self.inverse(i, j) * self.stages.one(j).V
             stage.next_dp = r.r
 
-    def set_system(self, width: int, is_transposed: bool) -> None:
-        """Set α - T, or the transposed matrix, with room for right-hand sides."""
-        a, s = self.scratches["a"], self.s
-        for i in loop(s):
-            for j in loop(s):
-                alpha = self.inverse(i, j)
-                T = self.matrix("T", i * s + j)
-                for r in range(3):
-                    for c in range(3):
-                        row, column = (3 * j + c, 3 * i + r) if is_transposed else (3 * i + r, 3 * j + c)
-                        a[row * width + column] = (alpha if r == c else 0.0) - T[r][c]
+    def system(self, others: int, is_transposed: bool) -> Blocks:
+        """Return α - T, or the transposed matrix, with room for so many right-hand sides."""
+        system = Blocks(self.a.memory, 3 * self.s, 3 * self.s + others)
+        for i in loop(self.s):
+            for j in loop(self.s):
+                alpha, T = self.inverse(i, j), self.T[i, j]
+                A = Matrix(*([(alpha if r == c else 0.0) - T[r][c] for c in range(3)] for r in range(3)))
+                system[(j, i) if is_transposed else (i, j)] = A.T if is_transposed else A
+        return system
 
     def correct(self, v: Variables) -> None:
         """Take a step of Newton's iteration for the steps that are active, and deactivate those that are done."""
-        m, a = 3 * self.s, self.scratches["a"]
-        self.set_system(m + 1, False)
+        system, m = self.system(1, False), 3 * self.s
         for i, stage in self.stages.each():
-            for r, x in enumerate(stage.next_dp):
-                a[(3 * i + r) * (m + 1) + m] = x
-        eliminate_once(a, m, m + 1)
+            system.set_column(i, m, stage.next_dp)
+        system.solve()
         most = Variables(change=0.0 * self.h, speed=taxicab(self.V[0]) + REST, stiff=0.0 * self.h)
         for i, stage in self.stages.each():
-            d = Vector(*(a[(3 * i + r) * (m + 1) + m] for r in range(3)))
+            d = system.column(i, m)
             stage.V = stage.V + select(v.active, d, 0.0 * d)
             most.change = larger(most.change, select(taxicab(d) <= OVERFLOW, taxicab(d), 2.0 * OVERFLOW))
             most.speed = larger(most.speed, taxicab(stage.V))
@@ -326,40 +310,34 @@ class Collocation:
         """Return C at the end as the rows have it, where the body turns about a line."""
         v = Variables(C=0.0 * self.turn + AXES)
         for i, stage in self.stages.each():
-            v.C = v.C + (self.h * self.weight(i)) * Matrix(*(cross(c, stage.V) for c in self.matrix("C", i)))
+            v.C = v.C + (self.h * self.weight(i)) * Matrix(*(cross(c, stage.V) for c in self.C[i, 0]))
         return v.C
 
     def set_ends(self) -> None:
         """Set Z, the change of V at the end by those of the stages."""
         for j in loop(self.s):
-            v = Variables(Z=self.weight(0) * self.matrix("T", j))
+            v = Variables(Z=self.weight(0) * self.T[0, j])
             for i in loop(1, self.s):
-                v.Z = v.Z + self.weight(i) * self.matrix("T", i * self.s + j)
-            self.set_matrix("Z", j, v.Z)
+                v.Z = v.Z + self.weight(i) * self.T[i, j]
+            self.Z[j, 0] = v.Z
 
     def set_turn(self, turn: Turn) -> None:
         """Set how the turn changes, and the response of the end to right-hand sides at the stages, six rows.
 
         It solves the transposed system.
         """
-        self.set_matrix("direct", 0, 0.0 * self.turn)
+        self.direct[0, 0] = 0.0 * self.turn
         turn.set()
-        m, a = 3 * self.s, self.scratches["a"]
-        width = m + 6
-        self.set_system(width, True)
-        for j in loop(self.s):
-            for o, row in enumerate((*self.matrix("theta", j), *self.matrix("Z", j))):
-                for c in range(3):
-                    a[(3 * j + c) * width + m + o] = row[c]
-        eliminate_once(a, m, width)
-        for j in loop(self.s):
-            for o in range(6):
-                row = tuple(a[(3 * j + c) * width + m + o] for c in range(3))
-                put(self.scratches["adjoint"], row, 18 * j + 3 * o)
+        system, s = self.system(6, True), self.s
+        for j in loop(s):
+            system[j, s], system[j, s + 1] = self.theta[j, 0].T, self.Z[j, 0].T
+        system.solve()
+        for j in loop(s):
+            self.adjoint[j, 0], self.adjoint[j, 1] = system[j, s].T, system[j, s + 1].T
 
     def emit(self, place: Any, inputs: tuple[str, ...], turn: Turn, has_state: bool) -> None:
         """Write the columns of the state and of inputs."""
-        b, adjoint = self.b, self.scratches["adjoint"]
+        b, ends, direct = self.b, self.ends, self.direct[0, 0]
         offsets, outs = dict[str, int](), list[int]()
         for name in (*STATE, *inputs) if has_state else inputs:
             if name not in NODAL:
@@ -370,52 +348,48 @@ class Collocation:
         for name in nodal:
             offsets[name], width = width, width + self.wanted[name]
         e = self.equations(offsets, width)
-        ends, direct = self.scratches["ends"], self.matrix("direct", 0)
         W = e.nodes.velocity(self.W[0])
         V = W - e.orbital(AXES) if self.parts.orbit else W
 
-        def store(r: int, column: Any, x: Any) -> None:
-            b.out.store((r * b.width + column) * LANES + place, x, self.parts.lanes)
+        def store(column: Any, *found: Vector) -> None:
+            for r, x in enumerate(flat(found)):
+                b.out.store((r * b.width + column) * LANES + place, x, self.parts.lanes)
 
         for j in range(count):
             dV = tangent(V, j)
-            for r, x in enumerate((*(direct @ dV), *dV)):
-                ends[6 * j + r] = x
+            ends.set_column(0, j, direct @ dV)
+            ends.set_column(1, j, dV)
         turn.begin(e, W, count)
         for i, stage in self.stages.each():
             g = self.changed(i, stage, e)
             F = e.nodes.h * e.rate(i, stage.V, g, self.still_rows(i))
-            by = [vector_at(adjoint, 18 * i + 3 * o) for o in range(6)]
-            both = [x + self.weight(i) * y for x, y in zip(by, (*direct, *AXES), strict=True)]
+            by = self.adjoint[i, 0], self.adjoint[i, 1]
+            both = [x + self.weight(i) * y for x, y in zip(by, (direct, Matrix(*AXES)), strict=True)]
             for name in nodal:
                 for c in range(self.wanted[name]):
-                    found = [row @ tangent(F, offsets[name] + c) for row in both]
-                    for r, x in enumerate(found):
-                        store(r, self.columns[name] + self.wanted[name] * i + c, x)
+                    dF = tangent(F, offsets[name] + c)
+                    store(self.columns[name] + self.wanted[name] * i + c, *(A @ dF for A in both))
             for j in range(count):
-                for rows, dx in ((both, tangent(F, j)), (by, self.sum(i) * tangent(V, j))):
-                    for r in range(0 if is_nothing(dx) else 6):
-                        ends[6 * j + r] = ends[6 * j + r] + rows[r] @ dx
+                for parts, dx in ((both, tangent(F, j)), (by, self.sum(i) * tangent(V, j))):
+                    for k in range(0 if is_nothing(dx) else 2):
+                        ends.set_column(k, j, ends.column(k, j) + parts[k] @ dx)
             turn.add_changes(i, stage, g)
         for j, change in enumerate(turn.changes(V)):
-            theta, dV = (Vector(*(ends[6 * j + k + r] for r in range(3))) for k in (0, 3))
-            for r, x in enumerate(self.at_end(e.nodes, theta + change, dV, j)):
-                store(r, outs[j], x)
+            store(outs[j], *self.at_end(e.nodes, ends.column(0, j) + change, ends.column(1, j), j))
 
     def changed(self, i: Any, stage: View, e: StageEquations) -> Any:
         """Return the vectors g of a stage with the changes that no change of V makes."""
-        C, h, later = self.matrix("C", i), e.nodes.h, self.vectors(stage)
-        g = [x @ C for x in e.start] if self.motion == "heavy" else list(later)
+        h, later = e.nodes.h, self.vectors(stage)
+        g = [x @ self.C[i, 0] for x in e.start] if self.motion == "heavy" else list(later)
         if not g or not isinstance(h, Dual):
             return Matrix(*g) if g else ()
         v = Variables(g=0.0 * self.h * later)
         for j, one in self.stages.each():
-            U = self.matrix("U", i * self.s + j)
-            v.g = v.g + Matrix(*(U @ cross(x, one.V) for x in self.vectors(one)))
+            v.g = v.g + Matrix(*(self.U[i, j] @ cross(x, one.V) for x in self.vectors(one)))
         longer = (1.0 / self.h) * (h - self.h)  # 0, and what the step changes by
         return Matrix(*(x + longer * y for x, y in zip(g, v.g, strict=True)))
 
-    def at_end(self, known: KnownStages, theta: Vector, dV: Vector, j: int) -> tuple[Any, ...]:
+    def at_end(self, known: KnownStages, theta: Vector, dV: Vector, j: int) -> tuple[Vector, Vector]:
         """Return the changes of attitude and W at the end, by those of the turn and of V in a direction."""
         zero = 0.0 * self.h
         turn = Vector(*(Dual(zero, [x]) for x in theta))
@@ -431,7 +405,7 @@ class Collocation:
         if known.tilt is not None:
             tilt = in_direction(known.tilt, j)
             turn, W = turn - tilt, W - cross(W, tilt)
-        return tangent((*turn, *W), 0)
+        return tangent((turn, W), 0)
 
 
 def is_nothing(x: Vector) -> bool:

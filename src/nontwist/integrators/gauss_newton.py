@@ -25,7 +25,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import nullcontext
 from typing import Any
 
-from ..engine.newton import EPS, ROUND_OFF, Scratch, eliminate_once
+from ..engine.newton import EPS, ROUND_OFF, Blocks, Scratch
 from ..engine.records import Parts, State
 from ..engine.sampling import DIFFERENCE, TINY, Nodes
 from ..kernels.control import Variables, loop, when, whilst
@@ -60,48 +60,34 @@ def pulled_back_duals(C: Any, f: Vector) -> Vector:
     )
 
 
-def column_at(a: Any, i: Any, width: Any, column: Any, rows: int = 3) -> Vector:
-    """Return what a column of a matrix, of so many rows for each stage, says of a stage in the first three."""
-    at = rows * i * width + column
-    return Vector(a[at], a[at + width], a[at + 2 * width])
-
-
 def vectors_of_space(
     stages: Stages, a: Scratch, h: Any, starts: Sequence[Vector], turning: str, names: Sequence[str], k: Any = None
-) -> None:
+) -> Blocks:
     """Solve for the vectors of space at the stages, which turn with the velocities there, and set their increments.
 
-    Then `a` holds behind the 3 s columns of the system: the turns by changes of each momentum, if k = 1/J_i is
-    given (of each velocity, if it is 1), and the vectors.
+    Returned is the system: behind its 3 s columns are the turns by changes of each momentum, if k = 1/J_i is given (of
+    each velocity, if it is 1), and the vectors.
     """
-    s, m = stages.number, 3 * stages.number
-    side = m if k is None else 2 * m
-    width = side + len(starts)
-    for i in loop(m * width):
-        a[i] = 0.0
+    s, side = stages.number, 3 * stages.number * (1 if k is None else 2)
+    system = Blocks(a, 3 * s, side + len(starts))
     for i in loop(s):
-        row = 3 * i * width
         for j in loop(s):
             f = h * stages.table[TABLE.weights + j] * stages.table[TABLE.mu + WIDTH * j + i]
-            x, y, z = f * getattr(stages.one(j), turning)
-            for r, entries in enumerate(((0.0, -z, y), (z, 0.0, -x), (-y, x, 0.0))):
-                for c, entry in enumerate(entries):
-                    a[row + r * width + 3 * j + c] = entry
-                if k is not None:
-                    a[row + r * width + m + 3 * j + r] = f * k[r]
-        for r in range(3):
-            at = row + r * width
-            a[at + 3 * i + r] = a[at + 3 * i + r] + 1.0
-            for c, g in enumerate(starts):
-                a[at + side + c] = g[r]
-    eliminate_once(a, m, width)
+            (x, y, z), one = f * getattr(stages.one(j), turning), select(i == j, 1.0, 0.0)
+            system[i, j] = Matrix((one, -z, y), (z, one, -x), (-y, x, one))
+            if k is not None:
+                system[i, s + j] = Matrix((f * k[0], 0.0, 0.0), (0.0, f * k[1], 0.0), (0.0, 0.0, f * k[2]))
+        for c, g in enumerate(starts):
+            system.set_column(i, side + c, g)
+    system.solve()
     for i in loop(s):
         stage, b = stages.one(i), h * stages.table[TABLE.weights + i]
         for c, name in enumerate(names):
-            g = column_at(a, i, width, side + c)
+            g = system.column(i, side + c)
             setattr(stage, name, b * cross(g, getattr(stage, turning)))
             if k is not None:
                 setattr(stage, VECTOR[c], g)
+    return system
 
 
 @rare
@@ -111,7 +97,7 @@ def rows_by_elimination(stages: Stages, a: Any, h: Any) -> None:
 
 
 @part
-def combine(momenta: Any, slopes: Any, mu: Any, s: int, n: int) -> None:
+def combine(momenta: Scratch, slopes: Scratch, mu: Any, s: int, n: int) -> None:
     """Set the equations for the changes of P, and of z, n numbers of a stage."""
     m = n * s
     for i in loop(s):
@@ -145,16 +131,16 @@ class Residuals:
 
     def __init__(self, equations: Equations, memory: Any) -> None:
         self.equations, self.stages, self.k = equations, equations.stages, equations.parts.memory
-        self.n, side, s = unknowns(self.k), 3 * equations.stages.number, equations.stages.number
-        self.m, self.side, self.width = self.n * s, side, 2 * side + len(equations.start)
-        self.h, self.turns, square = equations.nodes.h, memory, self.m * (self.m + 1)
-        self.momenta = memory.shifted(side * (2 * side + 3))
-        self.slopes = self.momenta.shifted(square)
-        self.stiffness = self.slopes.shifted(square)
+        self.h, self.n, s = equations.nodes.h, unknowns(self.k), equations.stages.number
+        self.m, self.side = m, side = self.n * s, 3 * s
+        self.turns, square = Blocks(Scratch(memory, 1), side, 2 * side + len(equations.start)), m * (m + 1)
+        memory = self.turns.memory.shifted(side * (2 * side + 3))
+        self.momenta, self.slopes = (Blocks(memory.shifted(k * square), m, m + 1) for k in range(2))
+        self.stiffness = memory.shifted(2 * square)
         self.found = self.stiffness.shifted(s)
         if self.n > 3 + self.k:
             for q in loop(square):
-                self.slopes[q] = 0.0
+                self.slopes.memory[q] = 0.0
 
     def update_stages(self) -> None:
         """Set P, W and the vectors of the stages from the increments of P."""
@@ -167,7 +153,7 @@ class Residuals:
         if e.memory:
             e.memory.update_states()
         if e.start:
-            vectors_of_space(stages, Scratch(self.turns, 1), self.h, e.start, "V", e.names[1:], e.k)
+            vectors_of_space(stages, self.turns.memory, self.h, e.start, "V", e.names[1:], e.k)
 
     def differentiate(self, v: Variables) -> None:
         """Set residuals and slopes at the stages, while all numbers are fine."""
@@ -195,7 +181,7 @@ class Residuals:
 
     def row(self, i: Any, c: Any, H: Any, B: Vector) -> Any:
         """Set a row of the slopes to derivatives by turns and by the momenta of a stage; return it."""
-        n, row = self.n, self.slopes.shifted((self.n * i + c) * (self.m + 1))
+        n, row = self.n, self.slopes.row(self.n * i + c)
         for j in loop(self.stages.number):
             for d in range(3):
                 row[n * j + d] = 0.0 if H is None else H @ self.turn(i, 3 * j + d)
@@ -215,7 +201,7 @@ class Residuals:
             slope = along + pulled_back(C, space)
             third = e.nodes.body.free * slope[2] if e.parts.is_constrained else slope[2]
             for d, x in enumerate((slope[0], slope[1], third)):
-                self.slopes[(n * i + d) * (self.m + 1) + n * i + 3 + c] = x
+                self.slopes.row(n * i + d)[n * i + 3 + c] = x
         for c in loop(self.k):
             more = [found[q * width + 9 + c] - found[9 + c] for q in range(1, 7)]
             H = Vector(*((h / DIFFERENCE) * x for x in more[3:]))
@@ -261,12 +247,13 @@ class Residuals:
 
     def turn(self, i: Any, q: Any) -> Vector:
         """Return the turn at a stage by a momentum."""
-        return column_at(self.turns, i, self.width, self.side + q)
+        return self.turns.column(i, self.side + q)
 
     def solve(self) -> None:
         """Find the changes of P at the stages."""
-        combine(self.momenta, self.slopes, self.stages.table.shifted(TABLE.mu), self.stages.number, self.n)
-        eliminate_once(Scratch(self.momenta, 1), self.m, self.m + 1)
+        mu = self.stages.table.shifted(TABLE.mu)
+        combine(self.momenta.memory, self.slopes.memory, mu, self.stages.number, self.n)
+        self.momenta.solve()
 
     def correct(self, v: Variables) -> None:
         """Add to L what the changes of P make; set the largest change of a velocity or turn, and the largest residual.
@@ -278,12 +265,12 @@ class Residuals:
         for i in loop(self.stages.number, whilst=lambda: v.is_fine):
             stage, x = self.stages.one(i), Variables(change=0.0 * e.P, turn=0.0 * e.P)
             for q in loop(m):
-                x.change = x.change + self.solved(q) * column_at(self.slopes, i, m + 1, q, n)
+                x.change = x.change + self.solved(q) * self.slopes.column(n // 3 * i, q)
             if e.start:
                 for j in loop(self.stages.number):
                     for d in range(3):
                         x.turn = x.turn + self.solved(n * j + d) * self.turn(i, 3 * j + d)
-            rest, dP = (column_at(a, i, m + 1, m, n) for a in (self.slopes, self.momenta))
+            rest, dP = (a.column(n // 3 * i, m) for a in (self.slopes, self.momenta))
             dL = rest + x.change
             stage.dp, change = stage.dp + dL, taxicab(k * dP)
             speed = taxicab(k * e.P) + taxicab(stage.W) + change + TINY  # the last one from rest
@@ -298,7 +285,7 @@ class Residuals:
         """Do so for z at a stage, relative to its size."""
         memory, m = self.equations.memory, self.m
         for c in loop(self.k):
-            row, size = self.slopes.shifted((self.n * i + 3 + c) * (m + 1)), memory.size(stage, c)
+            row, size = self.slopes.row(self.n * i + 3 + c), memory.size(stage, c)
             x = Variables(change=row[m])
             for q in loop(m):
                 x.change = x.change + self.solved(q) * row[q]
@@ -309,7 +296,7 @@ class Residuals:
 
     def solved(self, q: Any) -> Any:
         """Return the change of an unknown that was found."""
-        return self.momenta[q * (self.m + 1) + self.m]
+        return self.momenta.row(q)[self.m]
 
 
 def three_tangents(x: Dual, first: int) -> Vector:

@@ -22,7 +22,7 @@ from ..engine.sampling import TINY
 from ..kernels.control import Variables, loop, when
 from ..kernels.dual import plain, seeded, tangent
 from ..kernels.elements import any_of, select, sqrt
-from ..kernels.memory import View
+from ..kernels.memory import View, vector_at
 from ..kernels.vectors import AXES, Matrix, Quaternion, Vector, attitude, cross
 from .gauss import FAINT, about, arc, line, turned_about
 from .gauss_coefficients import TABLE
@@ -47,11 +47,11 @@ class Turn:
         """Set Θ of the rows where a mask is set; return what the turn changes by with the length of the step."""
         steps, v = self.steps, Variables(total=0.0 * self.steps.V[0])
         for i, stage in steps.stages.each():
-            C = steps.matrix("C", i)
+            C = steps.C[i, 0]
             A = Matrix(cross(C[1], C[2]), cross(C[2], C[0]), cross(C[0], C[1]))
             theta = (steps.h * steps.weight(i)) * (steps.turn.T @ A)
             v.total = v.total + theta @ stage.V
-            steps.set_matrix("theta", i, theta if mask is True else select(mask, theta, steps.matrix("theta", i)))
+            steps.theta[i, 0] = theta if mask is True else select(mask, theta, steps.theta[i, 0])
         return (1.0 / steps.h) * v.total
 
     def begin(self, e: StageEquations, W: Vector, count: int) -> None:
@@ -76,7 +76,7 @@ class Steady(Turn):
             cosm1, x = about(((steps.table[TABLE.nodes + i] - 1.0) * steps.h) * steps.V[0])
             theta = (steps.h * steps.weight(i)) * attitude(Quaternion(1.0 + cosm1, *x))
             v.total = v.total + theta
-            steps.set_matrix("theta", i, theta)
+            steps.theta[i, 0] = theta
         self.total = v.total
 
     def changes(self, V: Vector) -> list[Vector]:
@@ -119,7 +119,7 @@ class Line(Turn):
             if self.is_momentum:
                 steps.set_rows(False)
             v.by_step = self.set_by_rows(self.is_small)
-        steps.set_matrix("direct", 0, select(self.is_small, 0.0 * direct, direct))
+        steps.direct[0, 0] = select(self.is_small, 0.0 * direct, direct)
         self.by_step = v.by_step
 
     def directions(self, body: Body, W: Vector, ahead: Vector) -> tuple[Any, Vector, Vector]:
@@ -144,53 +144,50 @@ class Line(Turn):
             by_velocity = first_tangents(psi, 3) + b * self.by_line
             theta = Matrix(*(b * by[c] + by_velocity[c] * by[3] for c in range(3))).T
             if self.is_momentum:
-                theta = theta + direct @ steps.matrix("Z", i)
+                theta = theta + direct @ steps.Z[i, 0]
             else:
                 by_vector = Vector(*(tangent(psi, 3 + c) for c in range(3)))
                 rows = (y * by_vector + b * cross(stage.V, z) for y, z in zip(by[3], ends, strict=True))
-                steps.set_matrix("by_end", i, Matrix(*rows))
+                steps.by_end[i, 0] = Matrix(*rows)
                 theta = theta + Matrix(*(b * cross(z, stage.g0) for z in ends))
-            steps.set_matrix("theta", i, theta)
+            steps.theta[i, 0] = theta
         if self.is_momentum:
             return
         for j, stage in steps.stages.each():
-            v = Variables(theta=steps.matrix("theta", j))
+            v = Variables(theta=steps.theta[j, 0])
             for i in loop(steps.s):
-                E, U = steps.matrix("by_end", i), steps.matrix("U", i * steps.s + j)
-                v.theta = v.theta + Matrix(*(cross(row @ U, stage.g0) for row in E))
-            steps.set_matrix("theta", j, v.theta)
+                v.theta = v.theta + Matrix(*(cross(row @ steps.U[i, j], stage.g0) for row in steps.by_end[i, 0]))
+            steps.theta[j, 0] = v.theta
 
     def begin(self, e: StageEquations, W: Vector, count: int) -> None:
         """Begin with the equations in the directions of columns, and W at the beginning."""
         super().begin(e, W, count)
         self.own = self.directions(e.nodes.body, W, self.steps.W[1])
         for k in range(4 * count):
-            self.steps.scratches["along"][k] = 0.0 * self.steps.h
+            self.steps.along.memory[k] = 0.0 * self.steps.h
 
     def add_changes(self, i: Any, stage: View, g: Any) -> None:
         """Take up changes of ψ, and of the vertical at the end."""
-        sums, b = self.steps.scratches["along"], self.known.h * self.steps.weight(i)
+        sums, b = self.steps.along, self.known.h * self.steps.weight(i)
         direction = self.own[0] * self.known.body.momentum_of(stage.V) if self.is_momentum else g[0]
         found = [arc(b * stage.V, direction, self.r)]
         if not self.is_momentum:
             found += b * cross(direction, stage.V)
         for j in range(self.count):
+            row = sums.row(j)
             for k, x in enumerate(tangent(tuple(found), j)):
-                sums[4 * j + k] = sums[4 * j + k] + x
+                row[k] = row[k] + x
 
     def changes(self, V: Vector) -> list[Vector]:
         """Return what changes the turn in each direction beside V at the stages."""
-        steps, sums, found = self.steps, self.steps.scratches["along"], []
+        steps, found = self.steps, []
         g0 = self.own[1] if self.is_momentum else self.equations.start[0]
         for j in range(self.count):
-            dh, dg0 = tangent(self.known.h, j), tangent(g0, j)
+            dh, dg0, sums = tangent(self.known.h, j), tangent(g0, j), steps.along.row(j)
             dw = (dh / steps.h) * self.w
-            if self.is_momentum:
-                dg1 = tangent(self.own[2], j)
-            else:
-                dg1 = dg0 + Vector(*(sums[4 * j + 1 + k] for k in range(3)))
+            dg1 = tangent(self.own[2], j) if self.is_momentum else dg0 + vector_at(sums, 1)
             theta = 0.0 * self.w
-            for x, y in zip((*dw, sums[4 * j] + self.by_line @ dw, *dg0, *dg1), self.by, strict=True):
+            for x, y in zip((*dw, sums[0] + self.by_line @ dw, *dg0, *dg1), self.by, strict=True):
                 theta = theta + x * y
             found.append(select(self.is_small, dh * self.by_step, theta))
         return found

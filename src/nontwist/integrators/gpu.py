@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from ..engine.generalised import generalised
 from ..engine.marching import Text, march
-from ..engine.records import BLOCK, Block, Parts
-from ..engine.workspace import CALL, CALLS, IN_BLOCK, Calls, begin_call, for_some, forget
+from ..engine.records import BLOCK, Block, Parts, pack
+from ..engine.workspace import CALL, IN_BLOCK, begin_call, for_some, forget
 from ..errors import InputError
 from ..kernels import gpu
 from ..kernels.control import loop, when
@@ -68,20 +68,18 @@ class GpuMarch(StackMarch):
         code = gpu.code_of(
             run, {(1, self.functions.generalised): generalised.text} | texts_of(self.functions.keepalive)
         )
-        block, head, (rows, keepalive) = self.block.copy(), todo.head.copy(), todo.arrays
-        rows, results = rows.copy(), self.arrays["quaternions"].base  # in which all arrays of the march are
+        block, rows = self.block.copy(), todo.values["rows"].copy()
+        results = self.arrays["quaternions"].base  # in which all arrays of the march are
         assert results is not None
         device = gpu.gpu()
         device.use()
         with Copies(device) as copies:
-            own = [getattr(self, name) for name in ARRAYS]
-            copies.add(
-                results, *arrays_in((own, self.functions.keepalive, self.loads, self.stages[todo.parts][0], keepalive))
-            )
-            rows[:, IN_CALL], block[POINTERS] = copies.of(rows[:, IN_CALL]), copies.of(block[POINTERS])
-            head[CALLS.rates : CALLS.rates + 1] = copies.of(head[CALLS.rates : CALLS.rates + 1])
-            head[CALLS.rows] = copies.add(rows)
-            block[BLOCK.calls], block[BLOCK.begin] = copies.add(head), first
+            own = [getattr(self, name) for name in ARRAYS], todo.values["rates"], todo.keepalive
+            copies.add(results, *arrays_in((own, self.functions.keepalive, self.loads, self.stages[todo.parts][0])))
+            rows[:, IN_CALL] = copies.of(rows[:, IN_CALL])
+            copies.add(rows)
+            pack(block, BLOCK, **todo.values | {"rows": rows}, begin=first)
+            block[POINTERS] = copies.of(block[POINTERS])
             device.run(code, copies.add(block), last - first)
             device.take(int(copies.of(np.array([results.ctypes.data]))[0]), results)
 
@@ -151,8 +149,8 @@ def member(
 
     def run(address: Any, number: Any) -> None:
         b = copied(Block, doubles(address))
-        head, i = copied(Calls, b.calls), b.begin + number
-        b.begin, b.end, b.workspace, head.scratch = i, i + 1, scratch(workspace_size), scratch(state_size)
+        i = b.begin + number
+        b.begin, b.end, b.workspace, b.scratch = i, i + 1, scratch(workspace_size), scratch(state_size)
 
         def marched(is_output: Any) -> None:
             for _ in when(is_output) if parts.observes else ():
@@ -161,12 +159,12 @@ def member(
                 onwards(b.address)
 
         if has_outputs:
-            for_some(parts, b, head, marched)
+            for_some(parts, b, marched)
             return
-        for k in loop(head.calls):
-            row = begin_call(b, head, k)
+        for k in loop(b.calls):
+            row = begin_call(b, k)
             for _ in when(row.begins != 0):
-                forget(b, head, i, i + 1)
+                forget(b, i, i + 1)
             onwards(b.address)
 
     return run

@@ -17,7 +17,7 @@ from ..engine.bodies import body_rows
 from ..engine.functions import DifferentiableFunctions
 from ..engine.generalised import OF_TABLE, OF_TERMS, STATE, TERM, sloped
 from ..engine.known_steps import INPUTS, LANES, STEPS, KnownStep, column_offsets, offsets_of_directions
-from ..engine.linearised import CHAIN, forward_run, linearised, tangent_size
+from ..engine.linearised import forward_run, linearised, tangent_size
 from ..engine.records import BODY, pack
 from ..geometry.arrays import Array, aligned
 from ..geometry.attitudes import BASIS, ENTRIES, States
@@ -56,6 +56,7 @@ class Entries(NamedTuple):
 
 EntriesOf = Callable[["StepNodes"], Iterable[Entries]]
 StepMask = NDArray[np.int64]
+Workspace = dict[str, Array]  # memory of one thread
 
 
 class StepNodes(NamedTuple):
@@ -134,7 +135,7 @@ class Linearised:
         bodies = body_rows(systems, self.load, 1.0, problem.load_scale)
         self.axis = np.zeros(3) if systems.axis is None else systems.axis[0]
         self.forward_run: Any = None  # of the places of inputs: the kernel that takes steps and linearises at once
-        wanted, self._factor, self._order = set(wanted), np.array([scale]), order
+        wanted, self._factor = set(wanted), np.array([scale])
         self._fixed = bodies[0]
         if scheme.dissipation:
             self._fixed[BODY.dissipation + order - 1] = scheme.dissipation
@@ -167,7 +168,7 @@ class Linearised:
             self._scratch = LANES * scratch_size(s, self.width, 6 * seeds.shape[1])
         block = self._block = np.zeros(STEPS.size, dtype=np.int64)
         self._table = table
-        pack(block, STEPS, stages=s, width=self.width)
+        pack(block, STEPS, rows=self.rows, width=self.width, make=self.make.address)
         pack(block, STEPS, body=self._fixed, factor=self._factor, table=table, orbit=about)
         self._varied = None
         if called:
@@ -195,7 +196,7 @@ class Linearised:
             middles = np.zeros(len(middles))
         return StepNodes(first, last, *times, problem.step_at(k), middles, problem.nodes(k, middles))
 
-    def sampled_loads(self, nodes: StepNodes) -> dict[str, Array | None]:
+    def sampled_loads(self, nodes: StepNodes) -> dict[str, Any]:
         """Return what acts on the steps of these nodes, without the factor of the load."""
         systems, ends = self.problem.systems, (nodes.begin, nodes.end, nodes.sizes)
         arrays = sampled(systems, self.load, 1.0, lambda: nodes.times, lambda: ends, nodes.middles)
@@ -231,7 +232,14 @@ class Linearised:
 
     def workspace(self) -> Workspace:
         """Return memory for matrices."""
-        return Workspace(self._block, self._scratch, self.width * self.rows)
+        entries = self.width * self.rows * LANES
+        return {"out": aligned(entries, empty=True), "workspace": aligned(self._scratch, empty=True)}
+
+    def block(self, own: Workspace, chunk: Chunk, nodes: States | None = None, **arrays: Any) -> NDArray[np.int64]:
+        """Return what kernels are called with for the steps of a chunk, given the states at all nodes, and arrays."""
+        block, states = self._block.copy(), {} if nodes is None else chunk.states(nodes)
+        pack(block, STEPS, **own | chunk.arrays | states | arrays)
+        return block
 
     def run(self, kernel: Kernel, own: Workspace, chunk: Chunk, nodes: States, **arrays: Any) -> None:
         """Let changes go through the steps of a chunk, given the states at all nodes.
@@ -241,13 +249,11 @@ class Linearised:
         SimulationError
             The equations of a step are not solved again.
         """
-        chunk = chunk._replace(chain=chunk.chain.copy())  # threads share chunks
-        chunk.fill_block(own.block, nodes)
-        kernel(chunk.linked(own.block, **arrays))
+        block = self.block(own, chunk, nodes, **arrays)
+        kernel(address_of(block))
         self.require_no_error()
-        if own.block[STEPS.failed]:
-            k = chunk.first + int(own.block[STEPS.first])
-            raise unsolved_step(self.problem, k)
+        if block[STEPS.failed]:
+            raise unsolved_step(self.problem, chunk.first + int(block[STEPS.first]))
 
 
 def unsolved_step(problem: IVP, k: int) -> SimulationError:
@@ -289,38 +295,20 @@ def ranged(count: int, size: int, back: bool = False) -> list[tuple[int, int]]:
     return found[::-1] if back else found
 
 
-class Workspace:
-    """Memory for matrices, and the block of addresses that point there."""
-
-    def __init__(self, block: NDArray[np.int64], scratch: int, entries: int) -> None:
-        self.block = block.copy()
-        self._matrices, self._scratch = aligned(entries * LANES, empty=True), aligned(scratch, empty=True)
-        pack(self.block, STEPS, out=self._matrices, workspace=self._scratch)
-
-
 class Chunk(NamedTuple):
-    """Some steps, what acts on them, and how changes go through them: a block (`Chain`), and what it points to."""
+    """Some steps, and what `Steps` has of what acts on them and of what parameters do to them."""
 
     first: int
     last: int
-    loads: dict[str, Array | None]
-    chain: NDArray[np.int64]
     arrays: dict[str, Any]
-    first_stored: int = 0  # how many states are stored before
+    first_stored: int  # how many states are stored before
 
-    def fill_block(self, block: NDArray[np.int64], nodes: States | None = None) -> None:
-        """Write the addresses to a block, with the states at the ends of these steps, given those at all nodes."""
-        pack(block, STEPS, **self.loads, steps=self.last - self.first, failed=0)
-        if nodes is not None:
-            states = nodes.part(slice(self.first, self.last + 1))
-            speed = float(abs(states.velocity).max()) or 1 / float(abs(np.asarray(self.loads["sizes"])).min())
-            ends = {"quaternions": states.quaternion, "velocities": states.velocity, "normals": states.normal}
-            pack(block, STEPS, **ends, speed=np.float64(speed).view(np.int64))
-
-    def linked(self, block: NDArray[np.int64], **arrays: Any) -> int:
-        """Write the addresses of the block of these steps, and of arrays, to the chain; return its own."""
-        pack(self.chain, CHAIN, made=block, **arrays)
-        return address_of(self.chain)
+    def states(self, nodes: States) -> dict[str, Any]:
+        """Return the states at the ends of these steps, and their scale, given those at all nodes."""
+        states = nodes.part(slice(self.first, self.last + 1))
+        speed = float(abs(states.velocity).max()) or 1 / float(abs(self.arrays["sizes"]).min())
+        ends = {"quaternions": states.quaternion, "velocities": states.velocity, "normals": states.normal}
+        return ends | {"speed": np.float64(speed).view(np.int64)}
 
 
 def chunk_of(
@@ -333,21 +321,21 @@ def chunk_of(
     parameters = np.concatenate([none, *(one.parameter for one in every)])
     values = np.concatenate([np.zeros(0), *(one.value for one in every)])
     at = (np.full(len(one.value), -1) if one.step is None else one.step - first for one in every)
-    step, block, padded = np.concatenate([none, *at]), np.zeros(CHAIN.size, dtype=np.int64), -(-count // LANES) * LANES
+    step, padded = np.concatenate([none, *at]), -(-count // LANES) * LANES
     fixed, own = np.flatnonzero(step < 0), np.flatnonzero(step >= 0)
-    arrays: dict[str, Any] = {"columns": columns[fixed], "parameters": parameters[fixed], "values": values[fixed]}
-    block[CHAIN.fixed] = len(fixed)
-    if not back:
+    arrays = {"steps": last - first, "batches": -(-(last - first) // LANES)} | steps.sampled_loads(nodes)
+    if back:
+        arrays |= {"columns": columns[fixed], "parameters": parameters[fixed], "values": values[fixed]}
+        arrays["fixed"] = len(fixed)
+    else:
         used, rows = np.unique(columns[fixed], return_inverse=True)
-        changes, block[CHAIN.inputs] = aligned(len(used), padded), len(used)
+        changes = aligned(len(used), padded)
         np.add.at(changes, (rows, parameters[fixed]), values[fixed])
-        arrays = {"used": used, "changes": changes}
+        arrays |= {"padded": padded, "inputs": len(used), "used": used, "changes": changes}
     if len(own):
         own = own[np.argsort(step[own], kind="stable") if back else np.lexsort((parameters[own], step[own]))]
         arrays |= {"begins": np.searchsorted(step[own], np.arange(last - first + 1)), "own_columns": columns[own]}
         arrays |= {"own_parameters": parameters[own], "own_values": values[own]}
     if is_stored is not None:
         arrays["is_stored"], before = is_stored[first:last], int(is_stored[:first].sum())
-    pack(block, CHAIN, **arrays, steps=last - first, padded=padded)
-    pack(block, CHAIN, rows=steps.rows, width=steps.width, batches=-(-(last - first) // LANES), make=steps.make.address)
-    return Chunk(first, last, steps.sampled_loads(nodes), block, arrays, before)
+    return Chunk(first, last, arrays, before)

@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..engine.records import BLOCK, BODY, QUANTITIES, STATE, SUMS, WORK, layout, pack, side_by_side, views
-from ..engine.workspace import HEAD, PREPARED, enter, run_prepared
+from ..engine.workspace import PREPARED, enter, run_prepared
 from ..exact.free_bodies import TOO_FAR
 from ..geometry.arrays import Array
 from ..geometry.attitudes import States
@@ -166,10 +166,10 @@ class PreparedMarch:
         Return the numbers found, for `read`, the sum of their squares, infinite where the run has failed, and the
         largest |W|² of the stored states.
         """
-        memory, start, address, _ = self._threads.own
-        START.pack_into(start, 0, *p, *W, scale / self._unit)
+        memory, own, address, _ = self._threads.own
+        START.pack_into(own, 8 * PREPARED.p, *p, *W, scale / self._unit)
         self._run(address)
-        return memory.copy(), *FOUND.unpack_from(start, 8 * PREPARED.squares)
+        return memory.copy(), *FOUND.unpack_from(own, 8 * PREPARED.squares)
 
     def read(self, found: Array) -> dict[str, Any]:
         """Return the states of a run from the numbers found; its `_read` returns the rest."""
@@ -187,16 +187,16 @@ class PreparedMarch:
         return self._threads.own[3][0]
 
     def _workspace(self) -> tuple[Array, memoryview, int, Any]:
-        """Return memory for one thread: results, the start and what comes back, the address of the head, all of it."""
-        march, (arrays, wheel_columns) = self._march, side_by_side(**self._march.shapes)
-        memory, call = arrays["quaternions"].base, np.zeros(HEAD.size + PREPARED.size, dtype=np.int64)
+        """Return memory for one thread: results, `Prepared`, its address, all of it."""
+        march, (arrays, array_addresses) = self._march, side_by_side(**self._march.shapes)
+        memory, own = arrays["quaternions"].base, np.zeros(PREPARED.size, dtype=np.int64)
         assert memory is not None
         block, *keepalive = march.laid(self._todo)
-        pack(block, BLOCK, **wheel_columns, scales=call[HEAD.size + PREPARED.factor :])
-        pack(call, HEAD, block=block, numbers=len(memory), enter=enter.address)
-        pack(call, HEAD, run=march.driver(self._todo).address)
-        start = call[HEAD.size :].data.cast("B")
-        return memory, start, call.ctypes.data, (states_in(arrays, march.skipped).part(0), call, block, keepalive)
+        pack(block, BLOCK, **array_addresses, scales=own[PREPARED.factor :])
+        run = march.driver(self._todo).address
+        pack(own, PREPARED, block=block, numbers=len(memory), enter=enter.address, run=run)
+        states = states_in(arrays, march.skipped).part(0)
+        return memory, own.data.cast("B"), own.ctypes.data, (states, block, keepalive)
 
 
 Numbers = tuple[float, ...]

@@ -36,7 +36,7 @@ from ..engine.records import (
     side_by_side,
     slab_layout,
 )
-from ..engine.workspace import CALL, CALLS, carry_out, carry_out_outputs, enter
+from ..engine.workspace import CALL, carry_out, carry_out_outputs, enter
 from ..geometry.arrays import Array, aligned, distinct
 from ..kernels import machine_code
 from ..kernels.kernel import Kernel
@@ -371,11 +371,10 @@ class StackMarch:
         self, todo: Listed, width: int = 1, first: int = 0, last: int = 1
     ) -> tuple[NDArray[np.int64], Array, tuple[Any, ...]]:
         """Return a block with which some members are marched, its workspace, and what else it points to."""
-        block, head, scratch = self.block.copy(), todo.head.copy(), np.zeros(width * self.shapes["states"][1])
+        block, scratch = self.block.copy(), np.zeros(width * self.shapes["states"][1])
         workspace = aligned(self.workspace_size(width))
-        pack(head, CALLS, scratch=scratch)
-        pack(block, BLOCK, workspace=workspace, begin=first, end=last, calls=head)
-        return block, workspace, (head, scratch, todo)
+        pack(block, BLOCK, **todo.values, workspace=workspace, scratch=scratch, begin=first, end=last)
+        return block, workspace, (scratch, todo)
 
 
 def march_of(stack: IVP, scheme: Compiled) -> StackMarch:
@@ -391,10 +390,10 @@ Rows = NDArray[np.int64]
 
 
 class Listed(NamedTuple):
-    """A list of calls, and all arrays that it points to."""
+    """A list of calls: what the block has of it, and what its rows point to."""
 
-    head: Rows
-    arrays: tuple[Any, ...]
+    values: dict[str, Any]
+    keepalive: Any
     has_outputs: bool
     parts: Parts
 
@@ -405,15 +404,14 @@ def listed(march: StackMarch, parts: Parts, width: int, first: int, last: int, r
     `width` members of a group are marched at a time.
     """
     unloaded = Unloaded(march.stack, None) if parts.dead and len(march.unloaded) else march.unloaded
-    head, has_outputs = np.zeros(CALLS.size, dtype=np.int64), march.outputs is not None and rows is None
+    has_outputs = march.outputs is not None and rows is None
     rates, keepalive = None, None
     if has_outputs:
         rows, rates, keepalive = _calls_with_outputs(march, parts, first, last, unloaded)
     elif rows is None:
         rows = grid_calls(march, first, last, unloaded)
-    pack(head, CALLS, calls=len(rows), rows=rows, rates=rates, guesses=march.guesses.start)
-    pack(head, CALLS, **march.addresses(parts, width, has_outputs))
-    return Listed(head, (rows, (rates, keepalive)), has_outputs, parts)
+    values = {"calls": len(rows), "rows": rows, "rates": rates, "guesses": march.guesses.start}
+    return Listed(values | march.addresses(parts, width, has_outputs), keepalive, has_outputs, parts)
 
 
 def grid_calls(march: StackMarch, first: int, last: int, unloaded: Unloaded, *stops: Any) -> Rows:

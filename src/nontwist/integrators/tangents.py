@@ -6,18 +6,19 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from functools import partial
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..engine.known_steps import LANES, STEPS
-from ..engine.linearised import ForwardRun, chain_back, chain_forward, grow
-from ..engine.records import State, side_by_side
+from ..engine.linearised import chain_back, chain_forward, grow
+from ..engine.records import State, pack, side_by_side
 from ..geometry.arrays import Array, aligned
 from ..geometry.attitudes import BASIS, ENTRIES, States
 from ..kernels import machine_code
-from ..kernels.memory import size_of, view_of
+from ..kernels.kernel import address_of
+from ..kernels.memory import size_of
 from .linearised import LONGEST, Chunk, Entries, EntriesOf, Linearised, StepMask, StepNodes, Workspace, ranged
 from .stepping import PerThread
 
@@ -55,6 +56,22 @@ def back(
     return steps.in_frame(x[:, None], back=True)[:, 0], found[:count]
 
 
+Calls = list[tuple[NDArray[np.int64], int, Chunk]]  # blocks, their addresses, and steps
+
+
+def are_solved(steps: Linearised, run: Any, calls: Calls, states: States | None = None) -> bool:
+    """Let changes go through all steps; return whether these are solved again, given the states at all nodes."""
+    for block, address, chunk in calls:
+        if states is not None and steps.is_called:
+            pack(block, STEPS, **chunk.states(states))
+        run(address)
+        steps.require_no_error()
+        if block[STEPS.failed]:
+            block[STEPS.failed] = 0
+            return False
+    return True
+
+
 class PreparedTangents:
     """The derivatives of runs of one plan from any start, laid out once, from many threads if need be.
 
@@ -82,14 +99,8 @@ class PreparedTangents:
         if known is not states:
             known, x, found, scale, calls, _ = self._threads.own = self._workspace(states)
         scale[0], x[:, : self._count] = factor, self._steps.in_frame(start)
-        for block, chain, refresh in calls:
-            if self._steps.is_called:
-                refresh()
-            self._run(chain)
-            self._steps.require_no_error()
-            if block[STEPS.failed]:
-                block[STEPS.failed] = 0
-                return None
+        if not are_solved(self._steps, self._run, calls, states):
+            return None
         changes: Array = np.empty((1 + len(found), *start[:6].shape))
         changes[0], changes[1:] = start[:6], self._steps.in_frame(found[:, :, : self._count], back=True)
         return changes
@@ -99,16 +110,12 @@ class PreparedTangents:
         steps, padded = self._steps, -(-self._count // LANES) * LANES
         x, scale = aligned(steps.rows, padded), np.ones(1)
         found = aligned(self._stored_count, 6, padded, empty=True)
-        own, calls, keepalive = steps.workspace(), list[Any](), list[Any]()
+        own, calls = steps.workspace(), Calls()
         for chunk in self._chunks:
-            block = own.block.copy()
-            refresh = partial(chunk.fill_block, block, states)
-            refresh()
-            block[STEPS.factor] = scale.ctypes.data
-            chunk = chunk._replace(chain=chunk.chain.copy())
-            calls.append((block, chunk.linked(block, state=x, states=found[chunk.first_stored :]), refresh))
-            keepalive.append(chunk)
-        return states, x, found, scale, calls, (own, keepalive)
+            ends = found[chunk.first_stored :]
+            block = steps.block(own, chunk, states, factor=scale, state=x, states=ends)
+            calls.append((block, address_of(block), chunk))
+        return states, x, found, scale, calls, own
 
 
 class ForwardTangents:
@@ -150,11 +157,8 @@ class ForwardTangents:
         first, carried, turned = self._start if start is None else self._parted(start)
         scale[0], state[:], x[: len(carried), : self._count] = factor, 0.0, carried
         state[-7:-3], state[-3:] = p, W
-        for block, address in calls:
-            self._kernel(address)
-            if block[STEPS.failed]:
-                block[STEPS.failed] = 0
-                return None
+        if not are_solved(self._steps, self._kernel, calls):
+            return None
         changes, ends = np.zeros((len(found) + 1, *first.shape)), found[:, :, : self._count]
         if self._turn is not None:
             B = self._turn[:3, :3].T
@@ -170,21 +174,17 @@ class ForwardTangents:
         x, fixed = (aligned(steps.width, self._padded) for _ in range(2))
         state, turns = aligned(size_of(State) + 7), np.zeros((count, 3, 3))
         found, scale = aligned(count, 6, self._padded, empty=True), np.ones(1)
-        own, calls, keepalive = steps.workspace(), list[Any](), list[Any]()
+        own, calls = steps.workspace(), Calls()
+        how: dict[str, Any] = {"factor": scale, "state": x, "changes": fixed, "carried": state, "start": state[-7:]}
         for chunk in self._chunks:
             fixed[rows:] = 0.0
             fixed[chunk.arrays["used"], : self._count] = chunk.arrays["changes"][:, : self._count]
-            block = own.block.copy()
-            chunk.fill_block(block)
-            block[STEPS.factor] = scale.ctypes.data
-            head = view_of(ForwardRun)
-            head.steps, head.state, head.changes, head.fixed = block, state, x, fixed
-            head.padded, head.found, head.chain = self._padded, found[chunk.first_stored :], chunk.linked(block)
-            head.first, head.is_first, head.turns = state[-7:], int(chunk.first == 0), turns[chunk.first_stored :]
-            calls.append((block, head.address))
-            keepalive.append((head, chunk))
+            how |= {"states": found[chunk.first_stored :], "turns": turns[chunk.first_stored :]}
+            how |= {"padded": self._padded, "is_first": chunk.first == 0}
+            block = steps.block(own, chunk, **how)
+            calls.append((block, address_of(block), chunk))
         x[:] = fixed
-        return x, state, found, turns, scale, calls, (own, keepalive)
+        return x, state, found, turns, scale, calls, (own, fixed)
 
 
 class Growth:

@@ -11,24 +11,22 @@ import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import cache, reduce
-from operator import or_
-from typing import Annotated, Any, get_args, get_origin
+from typing import Annotated, Any, ClassVar, NamedTuple, Self, get_args
 
 from pydantic import (
     AfterValidator,
     BaseModel,
     BeforeValidator,
     ConfigDict,
-    Discriminator,
     Field,
     GetJsonSchemaHandler,
-    Tag,
+    ModelWrapValidatorHandler,
     TypeAdapter,
     ValidationError,
     WithJsonSchema,
+    model_validator,
 )
-from pydantic_core import CoreSchema, core_schema
+from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
 from ..geometry.arrays import AXES
 from ..geometry.values import guess, nearest
@@ -44,7 +42,7 @@ ALIASES = {  # names of other programs
     **dict.fromkeys(("attitude", "orientation"), "rotation"),
     **{"m": "mass", "g": "gravity", "solver": "name"},
 }
-REPEATED = ("load", "event", "sweep")  # of lists of tables
+UNKNOWN = "unknown key"
 IN_TOML = {"project=True": "start.project = true", "physical=False": "body.physical = false"}
 
 
@@ -56,14 +54,33 @@ def in_toml(text: str) -> str:
 
 
 class Section(BaseModel):
-    """A table of a run file."""
+    """A table of a run file.
+
+    What is wrong with its keys it says itself, as one error of the type "found": pydantic takes that to the tables
+    around it, which put their keys before.
+    """
 
     model_config = ConfigDict(strict=True, extra="forbid", frozen=True, allow_inf_nan=False)
+    kinds: ClassVar[Mapping[str, type[Section]]] = {}  # that may stand in its place, by what tells them
+    is_whole: ClassVar[bool] = False  # whether it is the file
 
     @classmethod
     def known(cls) -> list[str]:
         """Return the keys, as a message on an unknown one lists them."""
         return [*cls.model_fields]
+
+    @model_validator(mode="wrap")
+    @classmethod
+    def _checked(cls, data: Any, handler: ModelWrapValidatorHandler[Self]) -> Self:
+        try:
+            return handler(data)
+        except ValidationError as error:
+            if not isinstance(data, dict):
+                raise
+            found = dict[Keys, Found]()
+            for one in found_in(error, cls):
+                found.setdefault(one.path, one)
+            raise PydanticCustomError("found", "wrong keys", {"found": [*found.values()]}) from None
 
 
 def entry(accepted: str, default: Any = ..., **bounds: Any) -> Any:
@@ -109,58 +126,54 @@ class OneOf:
         *first, last = (f'"{name}"' for name in self.known)
         return f"{', '.join(first)}{self.last}{last}{YOUR_OWN * self.open}"
 
-    def tagged(self, source: Any = None) -> dict[str, type[Section]]:
-        """Return the forms of tables by their tags, ``<kind>``."""
-        return {f"<{kind}>": form for kind, form in self.known.items()}
-
-    @property
-    def _table(self) -> TypeAdapter[Any]:
-        return _any_of(tuple(self.tagged().items()), f"one of {self.words}")
-
     def _word(self, word: str) -> str:
         if word not in self.known:
             raise ValueError(self.words)
         return word
 
+    def _table(self, value: Any) -> Section:
+        if (kind := _kind_of(value)) not in self.known:
+            raise PydanticCustomError("kind", "{words}", {"words": f"one of {self.words}"})
+        table: Section = self.known[kind].model_validate(value)
+        return table
+
     def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> CoreSchema:
         if source is str:
             return core_schema.no_info_after_validator_function(self._word, handler(source))
-        return core_schema.no_info_plain_validator_function(lambda value: self._table.validate_python(value))
+        source.kinds = self.known
+        return core_schema.no_info_plain_validator_function(self._table)
 
     def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
         if schema["type"] == "function-after":
             return {"description": self.words, "enum": list(self.known), "type": "string"}
-        return handler(self._table.core_schema)
+        choices: dict[Any, Any] = {kind: form.__pydantic_core_schema__ for kind, form in self.known.items()}
+        return handler(core_schema.tagged_union_schema(choices, _kind_of))
 
 
-@cache
-def _any_of(tagged: tuple[tuple[str, type[Section]], ...], accepted: str) -> TypeAdapter[Any]:
-    def tag(value: Any) -> str | None:
-        kind = value.get("kind") if isinstance(value, dict) else getattr(value, "kind", None)
-        return f"<{kind}>" if isinstance(kind, str) else None
-
-    forms: Any = reduce(or_, (Annotated[form, Tag(kind)] for kind, form in tagged))
-    return TypeAdapter(Annotated[forms, Discriminator(tag, custom_error_type="kind", custom_error_message=accepted)])
+def _kind_of(value: Any) -> str:
+    kind = value.get("kind") if isinstance(value, dict) else getattr(value, "kind", None)
+    return kind if isinstance(kind, str) else ""
 
 
 class ByForm:
     """Annotation of a union: tables are told apart by their first keys, lists of lists from lists and numbers."""
 
-    def tagged(self, source: Any) -> dict[str, Any]:
-        """Return the members of a union by their tags, ``<key>`` of a table, of others how deep lists are nested."""
-        return {_tag_of(form): form for form in get_args(source)}
-
     def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> CoreSchema:
-        forms = self.tagged(source)
-        tables = [tag for tag, form in forms.items() if _is_table(form)]
+        forms = {_tag_of(form): form for form in get_args(source)}
+        tables = {tag: form for tag, form in forms.items() if _is_table(form)}
+        for form in tables.values():
+            form.kinds = tables
 
         def tag(value: Any) -> str | None:
             if isinstance(value, Section):
                 return _tag_of(type(value))
-            if not isinstance(value, dict):
-                return f"<{_depth(value)}>"
-            found = [tag for tag in tables if len(tables) == 1 or tag[1:-1] in value]
-            return found[0] if len(found) == 1 else None
+            if isinstance(value, dict):
+                found = [tag for tag in tables if len(tables) == 1 or tag in value]
+                return found[0] if len(found) == 1 else None
+            depth = 0
+            while isinstance(value, list):
+                depth, value = depth + 1, value[0] if value else None
+            return str(depth)
 
         choices = {tag: handler.generate_schema(form) for tag, form in forms.items()}
         return core_schema.tagged_union_schema(choices, tag)
@@ -171,20 +184,8 @@ def _is_table(form: Any) -> bool:
 
 
 def _tag_of(form: Any) -> str:
-    if _is_table(form):
-        return f"<{next(iter(form.model_fields))}>"
-    depth = 0
-    while (inner := get_args(form)) and get_origin(form) in (Annotated, list):
-        depth += get_origin(form) is list
-        form = inner[0]
-    return f"<{depth}>"
-
-
-def _depth(value: Any) -> int:
-    depth = 0
-    while isinstance(value, list):
-        depth, value = depth + 1, value[0] if value else None
-    return depth
+    """Return the first key of a table, of others how deep lists are nested."""
+    return str(next(iter(form.model_fields)) if _is_table(form) else str(form).count("list["))
 
 
 BY_FORM = ByForm()
@@ -223,115 +224,70 @@ class Faults(list[Fault]):
             self.append(Fault(f"{at}.{name}", given, accepted or words_of(type(table), name)))
 
 
-def problems_of(error: ValidationError, data: Any, root: type[Section], at: Keys = ()) -> Iterator[Fault]:
-    """Yield what pydantic found, one fault for each key.
+class Found(NamedTuple):
+    """A fault, in a table: the path of the key from there, and where an unknown one belongs, if that is known."""
 
-    Parameters
-    ----------
-    error : ValidationError
-    data : the document that was checked, as tomllib gave it
-    root : the table it was checked against
-    at : where `data` lies in the file
-    """
-    seen: set[Keys] = set()
+    path: Keys
+    given: str
+    accepted: str
+    place: Keys = ()
+
+    def within(self, at: Keys, table: type[Section]) -> Found:
+        """Return the same as it is found from a table around; an unknown key may belong there."""
+        place = at + self.place if self.place else ()
+        if at and self.given == UNKNOWN and len(self.path) == 1 and not table.is_whole:
+            place = self.path if self.path[0] in table.known() else ()
+        return self._replace(path=at + self.path, place=place)
+
+
+def found_in(error: ValidationError, table: type[Section] = Section) -> Iterator[Found]:
+    """Yield what pydantic has found in a table, and what tables in it have found themselves."""
     for one in error.errors(include_url=False):
-        path, given = _in_data(one["loc"], data, one["type"] == "missing")
-        table, accepted, kinds = _described(one["loc"], root)
-        if one["type"] == "kind" and isinstance(given, dict):
-            path, given, accepted = (*path, "kind"), given.get("kind"), one["msg"]
-        if path in seen:
-            continue
-        seen.add(path)
-        text, word = shown(given), str(path[-1])
-        if one["type"] == "extra_forbidden":
-            text, accepted = "unknown key", _known(word, table, kinds, root)
-            outer = _described(one["loc"][:-2], root)[0]
-            if outer not in (table, root) and word in outer.known():
-                accepted = f"did you mean {dotted((*at, *path[:-2], word))}? {accepted}"
-        elif one["type"] == "missing" or given is None:
-            text = "missing"
+        # names of forms stand between a key and the numbers of entries
+        at, given = tuple(part for k, part in enumerate(one["loc"]) if k == 0 or isinstance(part, int)), one["input"]
+        accepted = words_of(table, str(at[0])) if at and at[0] in table.model_fields else ""
+        if one["type"] == "found":
+            yield from (inner.within(at, table) for inner in one["ctx"]["found"])
+        elif one["type"] == "extra_forbidden":
+            yield _unknown(str(at[0]), table)
+        elif one["type"] == "kind" and isinstance(given, dict):
+            yield _refused((*at, "kind"), given.get("kind"), one["msg"])
+        elif one["type"] == "missing":
+            yield Found(at, "missing", accepted)
         else:
-            accepted = accepted or one["msg"].removeprefix("Input should be ")
-            if suggestion := _suggestion(given, accepted):
-                accepted = suggestion + accepted.removesuffix(YOUR_OWN)
-            if isinstance(given, float) and not math.isfinite(given):
-                accepted += f"; finite, at most {LARGEST_NUMBER:g}"
-        yield Fault(dotted(at + path), text, accepted)
+            yield _refused(at, given, accepted or one["msg"].removeprefix("Input should be "))
 
 
-def _known(word: str, table: Any, kinds: Mapping[str, Any], root: Any) -> str:
-    """Return the keys that a table has in place of an unknown one, and where that belongs."""
-    known = table.known()
-    others = [toml_value(kind.strip("<>")) for kind, form in kinds.items() if word in {*form.known()} - {*known}]
-    belongs = f"; it belongs to kind = {' or '.join(others)}" if others else ""
-    if not known:
-        return f"left out: this table has no keys{belongs}"
-    elsewhere = _elsewhere(word, table, root)
-    return (f"{elsewhere}known are {', '.join(known)}" if elsewhere else nearest(word, known)) + belongs
-
-
-def _elsewhere(word: str, table: Any, root: Any) -> str:
-    """Return a question for the key of another table that has this name, or that this name stands for elsewhere."""
-    name = ALIASES.get(word, word)
-    if name in table.known() and name != word:
-        return f"did you mean {name}? "
-    if table is not root or name in root.known():
-        return ""
-    tables = ((key, form) for key in root.model_fields if key not in REPEATED for form in _forms(root, key).values())
-    place = next((f"{key}.{name}" for key, form in tables if name in form.known()), None)
-    return f"did you mean {place}? " if place else ""
-
-
-def _suggestion(given: Any, accepted: str) -> str:
-    """Return a guess at what was meant, where `accepted` names words in quotes."""
+def _refused(path: Keys, given: Any, accepted: str) -> Found:
+    if given is None:
+        return Found(path, "missing", accepted)
     words = re.findall(r'"([^".][^"]*)"', accepted)  # the ending of a file is none
-    if given in words and accepted.startswith("a list"):
-        return f'did you mean ["{given}"]? '
-    return guess(given, words, '"')
+    is_listed = given in words and accepted.startswith("a list")
+    suggestion = f'did you mean ["{given}"]? ' if is_listed else guess(given, words, '"')
+    if suggestion:
+        accepted = suggestion + accepted.removesuffix(YOUR_OWN)
+    if isinstance(given, float) and not math.isfinite(given):
+        accepted += f"; finite, at most {LARGEST_NUMBER:g}"
+    return Found(path, shown(given), accepted)
 
 
-def path_in(data: Any, loc: Keys) -> Keys:
-    """Return the part of `loc` that is a path in `data`."""
-    return _in_data(loc, data, False)[0]
+def _unknown(word: str, table: type[Section]) -> Found:
+    """Return what keys a table has in place of an unknown one, and where that belongs."""
+    known, name = table.known(), ALIASES.get(word, word)
+    inner: dict[str, Any] = {key: one.annotation for key, one in table.model_fields.items() if table.is_whole}
+    place = next(((key, name) for key, form in inner.items() if _is_table(form) and name in form.known()), ())
+    accepted = nearest(word, known) if known else "left out: this table has no keys"
+    if name in known or place:
+        accepted = f"did you mean {name}? " * (name in known) + f"known are {', '.join(known)}"
+    others = [kind for kind, form in table.kinds.items() if word in {*form.known()} - {*known}]
+    told = [toml_value(kind) if "kind" in known else f"{{ {kind} = ... }}" for kind in others]
+    if others:
+        accepted += f"; it belongs to {'kind = ' * ('kind' in known)}{' or '.join(told)}"
+    return Found((word,), UNKNOWN, accepted, place)
 
 
-def _in_data(loc: Keys, data: Any, missing: bool) -> tuple[Keys, Any]:
-    """Return the part of `loc` that is a path in `data`, and what lies there; the rest is pydantic's own."""
-    path: list[str | int] = []
-    for k, part in enumerate(loc):
-        found = part in data if isinstance(data, dict) else isinstance(data, list) and isinstance(part, int)
-        if found:
-            path.append(part)
-            data = data[part]
-        elif missing and k == len(loc) - 1:
-            path.append(part)
-    return tuple(path), data
-
-
-def _described(loc: Keys, root: Any) -> tuple[Any, str, Mapping[str, Any]]:
-    """Return the innermost table along `loc`, the description of the innermost key, and the kinds of that table."""
-    table, accepted, forms, kinds = root, "a table", dict[str, Any](), dict[str, Any]()
-    for part in loc:
-        if part in forms:
-            table, kinds = forms[str(part)], forms
-        elif part in table.model_fields:
-            accepted, forms = words_of(table, str(part)), _forms(table, str(part))
-            table, kinds = (forms[""], {}) if "" in forms else (table, kinds)
-    return table, accepted, kinds
-
-
-def _forms(table: Any, name: str) -> dict[str, Any]:
-    """Return the tables that a key of a table allows, with their tags."""
-    field = table.model_fields[name]
-    return dict(_tables(Annotated[field.annotation, *field.metadata] if field.metadata else field.annotation))
-
-
-def _tables(annotation: Any) -> Iterator[tuple[str, Any]]:
-    if _is_table(annotation):
-        yield "", annotation
-    parts = get_args(annotation)
-    told = [part for part in parts if isinstance(part, (OneOf, ByForm))]
-    for one in told:
-        yield from ((tag, form) for tag, form in one.tagged(parts[0]).items() if _is_table(form))
-    for part in () if told else parts:
-        yield from _tables(part)
+def problems_of(error: ValidationError, at: Keys = ()) -> Iterator[Fault]:
+    """Yield what is wrong with a table, or with several; `at` is where it lies in the file."""
+    for path, given, accepted, place in found_in(error):
+        meant = f"did you mean {dotted(at + place)}? " if place else ""
+        yield Fault(dotted(at + path), given, meant + accepted)

@@ -165,7 +165,7 @@ def stack(body: Body, values: Values, folder: Folder) -> SystemStack:
         try:
             return Body.model_validate(own).system(folder)
         except ValidationError as error:
-            raise ValueError("; ".join(map(str, problems_of(error, own, Body, ("body",))))) from error
+            raise ValueError("; ".join(map(str, problems_of(error, ("body",))))) from error
 
     return SystemStack.of(_each(range(len(next(iter(values.values())))), made))
 
@@ -335,7 +335,7 @@ class Members:
         except RunFileError as error:
             return "; ".join(map(str, error.problems))
         except ValidationError as error:
-            return "; ".join(map(str, problems_of(error, data, RunFile)))
+            return "; ".join(map(str, problems_of(error, ("load",))))
         except ValueError as error:
             return str(error)
 

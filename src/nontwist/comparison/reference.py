@@ -33,7 +33,7 @@ from ..driver.grid import count_steps, kinks, stretches_of, with_spin_kinks
 from ..driver.notices import COARSE_STEP
 from ..driver.planning import resolve_integrator
 from ..driver.problem import Problem, plan_of
-from ..driver.single_run import run_of, trajectory
+from ..driver.single_run import Prepared, trajectory
 from ..driver.starts import Starts
 from ..driver.tolerance import CHANGE, EPS, LARGER, moved
 from ..geometry.arrays import Array, as_array
@@ -163,15 +163,16 @@ class Case(NamedTuple):
 
     def run(self, scheme: Integrator, times: Array) -> Trajectory:
         """Return the run with output at times."""
-        return run_of(plan_of(self.problem, self.begin, integrator=scheme, times=times, t_end=None), self.begin)
+        plan = plan_of(self.problem, self.begin, integrator=scheme, times=times, t_end=None)
+        return Prepared(plan, self.begin).run()
 
     def run_on(self, grid: Stretches, store: Any, scheme: Integrator) -> Trajectory:
         """Return the run on a grid; `store` as of `integrate`, or the numbers of the nodes."""
         plan = plan_of(self.problem, self.begin, integrator=scheme, t_end=grid.borders[-1], store="end")
         if not isinstance(store, np.ndarray):
-            return run_of(plan._replace(grid=grid, store=store), self.begin)
+            return Prepared(plan._replace(grid=grid, store=store), self.begin).run()
         problem = replace(plan.problem(self.begin, grid, store), intervals=True)
-        return trajectory(plan, problem, completion.march(scheme, problem))
+        return trajectory(scheme, problem, completion.march(scheme, problem))
 
     @property
     def moved(self) -> Case:
@@ -265,7 +266,9 @@ def automatic_run(problem: Problem, begin: Starts) -> Trajectory:
     """Return a run to the end at the automatic step, of 0.05 rad, by an integrator of order 2 that takes the load."""
     scheme = Gauss(order=2) if as_load(problem.load).memories else LieMidpoint()
     plan = plan_of(problem, begin, integrator=scheme, store="end")
-    return run_of(plan._replace(grid=plan.automatic(begin)) if plan.is_controlled else plan, begin)
+    if plan.is_controlled:
+        plan = plan._replace(grid=plan.automatic(begin))
+    return Prepared(plan, begin).run()
 
 
 def reference(case: Case, times: Array) -> Reference:

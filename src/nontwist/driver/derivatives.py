@@ -24,7 +24,7 @@ from .grid import stored_steps
 from .parameters import EVERY, Parameters
 from .planning import Plan
 from .problem import OfStored, Problem, plan_of, posed, start_of, takes
-from .single_run import PreparedPlan, integrated, run_of
+from .single_run import Prepared, PreparedPlan, integrated
 from .starts import AT_REST, Starts
 
 if TYPE_CHECKING:
@@ -198,7 +198,7 @@ def solved_with(plan: Plan, begin: Starts, wrt: Any, means: bool = False) -> tup
     `means`: whether the run has means over its steps.
     """
     Parameters(differentiable(plan, begin), wrt, linearised_by(plan))
-    run = run_of(plan._replace(store=1, means=means), begin)
+    run = Prepared(plan._replace(store=1, means=means), begin).run()
     grid = run.stretches
     assert grid is not None
     rows = stored_steps(grid.steps, plan.store)

@@ -36,7 +36,7 @@ from .notices import (
 from .parameters import EVERY
 from .planning import Plan, require_observed
 from .problem import STARTS, OfEnsemble, OfStarts, Problem, every_stored, plan_of, posed, starts_of, takes
-from .single_run import PreparedPlan, check_cost, integrated, run_of, with_warning
+from .single_run import Prepared, PreparedPlan, integrated, with_warning
 from .starts import AT_REST, Starts, last_attitude, starts, without_spin
 from .tolerance import controlled, finer, first_run
 
@@ -248,7 +248,7 @@ def propagator(system: DirectorSystem | Problem, **keywords: Unpack[OfStarts]) -
     problem = posed("propagator", system, keywords, OfStarts, aside=ASIDE, store="end")
     body, plan = as_system(problem.system), plan_of(problem, store=every_stored(problem))
     if plan.grid is not None:
-        check_cost(plan, AT_REST, plan.grid)
+        Prepared(plan, AT_REST).announced()
     return Propagator(body, plan, problem.project)
 
 
@@ -328,7 +328,7 @@ class Propagator:
                 return run
         begin = self._begin(start, rotation, scalar_first, material_angular_velocity, angular_velocity, scale)
         if self._plan.grid is None:
-            return run_of(self._plan, begin)
+            return Prepared(self._plan, begin).run()
         return with_warning(self._plan, integrated(self._plan, begin, self._plan.grid))
 
     def jacobian(

@@ -87,6 +87,14 @@ class Plan(NamedTuple):
         return is_open and self.scheme.has_series(self.systems, self.load)
 
     @property
+    def of_steps(self) -> Plan:
+        """The plan of the run that finds the steps: without the outputs that are found on them, or between."""
+        if self.output_times is None and not self.is_between:
+            return self
+        shows = "nothing" if self.scheme.has_series(self.systems, self.load) else self.shows
+        return self._replace(output_times=None, store=1, shows=shows)
+
+    @property
     def off_grid(self) -> bool:
         """Whether the integrator takes no steps, but goes from output time to output time."""
         return self.output_times is not None and self.scheme.any_times

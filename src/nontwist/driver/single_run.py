@@ -16,29 +16,19 @@ import numpy as np
 
 from ..analysis.trajectory import Trajectory
 from ..errors import warn
-from ..geometry.arrays import Array
+from ..geometry.arrays import largest_size
 from ..geometry.attitudes import States
 from ..integrators import DEFAULT, IVP, Integrator, SimulationError, SimulationInterrupt, Status, stack_march
 from ..integrators.base import Outcome
 from ..integrators.compiled import Compiled
-from ..integrators.costs import swing_rate
+from ..integrators.costs import Cost
 from ..integrators.problem import Intervals, Stretches, stretched
 from ..loads import Load
 from . import completion, notices
 from .contacts import refusal
 from .events import Ended, Event, march_to_events
 from .grid import TURN, even_step, load_messages, require_resolution, rest_of, stored_count, stretches_of
-from .notices import (
-    announce,
-    coarseness,
-    failure_message,
-    phase_error,
-    progress_bar,
-    say,
-    unremarkable,
-    warn_of_cost,
-    warn_of_grid,
-)
+from .notices import progress_bar
 from .planning import Plan, resolve_integrator
 from .starts import AT_REST, Starts
 from .tolerance import First, apart_shown, controlled, finer, first_run
@@ -57,7 +47,7 @@ class PreparedPlan:
         self.is_damped, self._held = bool(plan.load.damping.any()) or linear, held_by(plan.load)
         self.whole, self.is_quiet = whole_of(plan, grid), False  # whether there is nothing to say of its costs
         self.increases = completion.increases(problem)
-        self.unremarkable = unremarkable(plan.scheme, grid.longest, plan.t_end - plan.t_start)
+        self.unremarkable = notices.unremarkable(plan.scheme, grid.longest, plan.t_end - plan.t_start)
         self._safe = completion.SAFE / max(1.0, float(abs(body.euler_inertia).max()))
         self._known = {
             "system": body,
@@ -122,64 +112,6 @@ def known(
     return prepared if is_small and (prepared := _cached(plan, grid)).increases else None
 
 
-def run_of(
-    plan: Plan,
-    begin: Starts,
-    progress: bool = False,
-    events: tuple[Event, ...] = (),
-) -> Trajectory:
-    """Return the run of a plan from a start, with the step of the plan or one that is chosen for the start.
-
-    The steps are those of the run without output times and events.
-
-    Raises
-    ------
-    ValueError, SimulationError, SimulationInterrupt
-        As `nontwist.simulate`.
-    """
-    if plan.grid is None and (events or (plan.output_times is not None and not plan.is_controlled)):
-        shows = "nothing" if plan.scheme.has_series(plan.systems, plan.load) else plan.shows
-        try:
-            steps = run_of(plan._replace(output_times=None, shows=shows), begin)
-        except SimulationError as error:
-            if error.partial is None:
-                raise
-            steps = error.partial  # as far as it comes
-        assert steps.stretches is not None
-        own = plan._replace(scheme=steps.integrator)
-        if plan.output_times is None and plan.is_between:
-            swing = swing_rate(plan.systems, plan.linearised(begin).load, begin.load_scale)
-            own = own._replace(output_times=times_shown(plan, begin, steps.material_angular_velocity, swing))
-        run = integrated(own, begin, steps.stretches, progress, events)
-        return replace(run, tolerance=steps.tolerance, error_estimate=steps.error_estimate, warning=steps.warning)
-    if plan.grid is not None:
-        prepared = known(plan, begin, plan.grid, progress, events)
-        if not (prepared and prepared.is_quiet):
-            is_quiet = check_cost(plan, begin, plan.grid)
-            if prepared:
-                prepared.is_quiet = is_quiet
-        return with_warning(plan, integrated(plan, begin, plan.grid, progress, events, prepared), prepared)
-    if plan.is_controlled:
-        return controlled_run(plan, begin, progress)
-    load, t0, t1 = plan.grid_load, plan.t_start, plan.t_end
-    grid = rest_of(begin.grid, load, t0, t1) or plan.automatic(begin)
-    check_cost(plan, begin, grid)
-    while True:
-        try:
-            run = integrated(plan, begin, grid, progress, (), known(plan, begin, grid, progress))
-        except SimulationError as error:
-            if error.status not in (Status.TURN, Status.STALLED):
-                raise
-            grid = plan.automatic(begin, grid.longest / 4)
-            continue
-        fastest = float(np.sqrt(np.square(run.material_angular_velocity).sum(axis=1)).max())
-        turn = fastest * grid.longest
-        if turn <= TURN * (1 + 1e-9):
-            warn_of_grid(plan.load, plan.systems, t0, t1, grid)
-            return with_warning(plan, run)
-        grid = plan.automatic(begin, grid.longest * TURN / (1.02 * turn))
-
-
 def with_warning(plan: Plan, run: Trajectory, prepared: PreparedPlan | None = None, known: float = 0.0) -> Trajectory:
     """Return a run, with a warning where its step is too coarse.
 
@@ -188,10 +120,14 @@ def with_warning(plan: Plan, run: Trajectory, prepared: PreparedPlan | None = No
     grid = run.stretches
     if grid is None:
         return run
-    quiet = prepared.unremarkable if prepared else unremarkable(plan.scheme, grid.longest, plan.t_end - plan.t_start)
+    quiet = (
+        prepared.unremarkable
+        if prepared
+        else notices.unremarkable(plan.scheme, grid.longest, plan.t_end - plan.t_start)
+    )
     if run._fastest <= quiet:
         return run
-    text = coarseness(plan.scheme, prepared.whole if prepared else whole_of(plan, grid), run._fastest)
+    text = notices.coarseness(plan.scheme, prepared.whole if prepared else whole_of(plan, grid), run._fastest)
     if text is None:
         if prepared:
             prepared.unremarkable = run._fastest  # there is nothing to say of slower runs either
@@ -201,62 +137,6 @@ def with_warning(plan: Plan, run: Trajectory, prepared: PreparedPlan | None = No
     return run._warned(text)
 
 
-def controlled_run(plan: Plan, begin: Starts, progress: bool = False) -> Trajectory:
-    """Return the run of a plan with a tolerance; where it has output times, its steps are those without them."""
-    has_times, own = plan.is_between or plan.output_times is not None, plan
-    if has_times:
-        has_series = plan.scheme.has_series(plan.systems, plan.load)
-        own = plan._replace(output_times=None, store=1, shows="nothing" if has_series else plan.shows)
-    first, states = first_of(plan, begin)
-    check_cost(own._replace(scheme=first.scheme), begin, finer(first.grid), states)
-    with progress_bar(1, "runs") if progress else nullcontext() as report:
-        found, goal, estimate = controlled(own, begin, first=first, intervals=plan.means, progress=report)
-    own, problem, outcome = own._replace(scheme=found.scheme), found.problem, found.outcome
-    warn_of_grid(plan.load, plan.systems, plan.t_start, plan.t_end, problem.grid)
-    if has_times and outcome.failures[0, 0] != Status.INTERRUPTED:
-        if (times := plan.output_times) is None:
-            times = times_shown(plan, begin, outcome.states.velocity[0], first.swing)
-        nodes = None if plan.load.wheels or outcome.failures[0, 0] else outcome.march
-        problem = own._replace(output_times=times).problem(begin, problem.grid)
-        outcome = completion.march(found.scheme, replace(problem, intervals=plan.means, marched=nodes))
-    run = trajectory(own, problem, outcome)
-    return replace(run, tolerance=goal, error_estimate=estimate)
-
-
-def first_of(plan: Plan, begin: Starts) -> tuple[First, int]:
-    """Return what the run of a plan with a tolerance begins with, and how many states it stores, about."""
-    fastest = plan.fastest(begin)
-    is_long = plan.is_between or (plan.output_times is not None and plan.scheme.has_series(plan.systems, plan.load))
-    first = first_run(plan._replace(shows="nothing") if is_long else plan, begin, fastest)
-    if plan.output_times is not None:
-        return first, len(plan.output_times)
-    shown = finer(first.grid).steps
-    if plan.is_between:
-        shown = int((plan.t_end - plan.t_start) / apart_shown(plan, fastest, first.swing))
-    return first, stored_count(max(1, shown), plan.store)
-
-
-def times_shown(plan: Plan, begin: Starts, velocities: Array, swing: float) -> Array:
-    """Return the times at which states are stored that nobody has chosen: it turns by 0.05 rad at most in between."""
-    fastest = float(np.sqrt(np.nanmax(np.square(velocities).sum(axis=1))))
-    longest = apart_shown(plan, fastest, swing)
-    return plan.problem(begin, stretches_of(plan.grid_load, plan.t_start, plan.t_end, longest)).stored_times
-
-
-def check_cost(plan: Plan, begin: Starts, grid: Stretches, states: int | None = None) -> bool:
-    """Refuse runs that exceed the memory; warn of long runs, of slow loads, and of a given step off the breakpoints.
-
-    Return whether nothing was said. `states` is how many are stored, if not those of the grid.
-    """
-    scheme, load = plan.scheme, plan.load
-    is_quiet = not (load.terms and scheme.is_compiled) or warn_of_cost(load)
-    whole = plan.problem(begin, grid, np.array([0, grid.steps]))
-    is_quiet &= announce(notices.run_cost(scheme, whole, states or plan.states(grid)), scheme, whole)
-    if not plan.off_grid and plan.grid is not None:
-        is_quiet &= warn_of_grid(load, plan.systems, plan.t_start, plan.t_end, grid)
-    return is_quiet & say([plan.remark(begin, whole)])
-
-
 def integrated(
     plan: Plan,
     begin: Starts,
@@ -264,28 +144,29 @@ def integrated(
     progress: bool = False,
     events: tuple[Event, ...] = (),
     prepared: PreparedPlan | None = None,
+    marched: Any = None,
 ) -> Trajectory:
-    """Return the run on a grid."""
+    """Return the run on a grid; `marched`: its march without output times, where it is known."""
     if events:
         problem = replace(plan.problem(begin, grid), intervals=True)
         found = march_to_events(plan.scheme, problem, events)
-        return trajectory(plan, replace(problem, output_times=found.times), found.outcome, found)
+        return trajectory(plan.scheme, replace(problem, output_times=found.times), found.outcome, found)
     if prepared:
         run = prepared.run(begin.quaternion[0], begin.velocity[0].tolist(), float(begin.load_scale[0]))
         if run is not None:
             return run
     with progress_bar(grid.steps) if progress else nullcontext() as report:
-        problem = replace(plan.problem(begin, grid), intervals=plan.means, progress=report)
-        return trajectory(plan, problem, completion.march(plan.scheme, problem))
+        problem = replace(plan.problem(begin, grid), intervals=plan.means, progress=report, marched=marched)
+        return trajectory(plan.scheme, problem, completion.march(plan.scheme, problem))
 
 
-def trajectory(plan: Plan, problem: IVP, outcome: Outcome, ended: Ended | None = None) -> Trajectory:
+def trajectory(scheme: Integrator, problem: IVP, outcome: Outcome, ended: Ended | None = None) -> Trajectory:
     """Return the run of an outcome; raise an error that holds the partial run where it has failed."""
     failure, good = outcome.failure(), int(outcome.good[0])
     time = problem.stored_times[:good]
     if outcome.end is not None:
         time = np.append(time[:-1], problem.times(outcome.end))
-    message = failure_message(problem, failure) if failure is not None else (ended and ended.message) or "done"
+    message = notices.failure_message(problem, failure) if failure is not None else (ended and ended.message) or "done"
     known = outcome.intervals
     if known is None:
         unknown = np.broadcast_to(np.nan, (1, problem.stored_times.size - 1, 3))
@@ -294,7 +175,7 @@ def trajectory(plan: Plan, problem: IVP, outcome: Outcome, ended: Ended | None =
     means: Any = {name: None if x is None else x[: max(good - 1, 0)] for name, x in known.of_one.items()}
     run = Trajectory(
         system=problem.system,
-        integrator=plan.scheme,
+        integrator=scheme,
         stretches=None if problem.off_grid else problem.grid,
         load=own.load.description,
         time=time,
@@ -323,26 +204,65 @@ class Prepared:
     events: tuple[Event, ...] = ()
 
     @cached_property
-    def grid(self) -> Stretches:
-        """The time grid; an estimate where none is given, a ValueError where there are too many steps."""
-        if self.plan.is_controlled:
-            return finer(self.first[0].grid)
-        return self.plan.grid or self.plan.automatic(self.begin)
+    def fastest(self) -> float:
+        """The largest |W| that energy and impulse allow, rad/s, about."""
+        return self.plan.fastest(self.begin)
 
     @cached_property
-    def first(self) -> tuple[First, int]:
-        """What a run to a tolerance begins with, and how many states it stores."""
-        return first_of(self.plan, self.begin)
+    def first(self) -> First | None:
+        """What a run to a tolerance begins with; None for others."""
+        return first_run(self.plan.of_steps, self.begin, self.fastest) if self.plan.is_controlled else None
+
+    @cached_property
+    def grid(self) -> Stretches:
+        """The time grid; an estimate where none is given, a ValueError where there are too many steps."""
+        plan, begin = self.plan, self.begin
+        if self.first is not None:
+            return finer(self.first.grid)
+        rest = None if plan.grid else rest_of(begin.grid, plan.grid_load, plan.t_start, plan.t_end)
+        return plan.grid or rest or plan.automatic(begin)
 
     @property
     def scheme(self) -> Integrator:
         """The integrator; where a tolerance chooses its order, the one that it begins with."""
-        return self.first[0].scheme if self.plan.is_controlled else self.plan.scheme
+        return self.plan.scheme if self.first is None else self.first.scheme
 
     @cached_property
     def states(self) -> int:
         """How many states are stored; a ValueError where they do not fit into memory."""
-        return self.first[1] if self.plan.is_controlled else self.plan.states(self.grid)
+        plan, shown = self.plan, self.grid.steps
+        if plan.output_times is not None:
+            return len(plan.output_times)
+        if plan.is_between and self.first is not None:
+            shown = max(1, int((plan.t_end - plan.t_start) / apart_shown(plan, self.fastest, self.first.swing)))
+        return stored_count(shown, plan.store)
+
+    @cached_property
+    def whole(self) -> IVP:
+        """The problem, with the first and the last state stored."""
+        return self.plan.problem(self.begin, self.grid, np.array([0, self.grid.steps]))
+
+    @property
+    def cost(self) -> Cost:
+        """What it costs, about."""
+        return notices.run_cost(self.scheme, self.whole, self.states)
+
+    @property
+    def remark(self) -> str | None:
+        """What the integrator says about the steps, or None."""
+        return self.plan._replace(scheme=self.scheme).remark(self.begin, self.whole)
+
+    def announced(self) -> bool:
+        """Refuse what exceeds the memory; warn of long runs, of slow loads, and of a given step off the breakpoints.
+
+        Return whether nothing was said.
+        """
+        plan, scheme, load = self.plan, self.scheme, self.plan.load
+        is_quiet = not (load.terms and scheme.is_compiled) or notices.warn_of_cost(load)
+        is_quiet &= notices.announce(self.cost, scheme, self.whole)
+        if not plan.off_grid and plan.grid is not None:
+            is_quiet &= notices.warn_of_grid(load, plan.systems, plan.t_start, plan.t_end, self.grid)
+        return is_quiet & notices.say([self.remark])
 
     @property
     def on_grid(self) -> Prepared:
@@ -367,8 +287,61 @@ class Prepared:
         return even_step(grid.longest, plan.grid_load, plan.t_start, plan.t_end)
 
     def run(self, progress: bool = False) -> Trajectory:
-        """Integrate it; errors as `nontwist.simulate`."""
-        return run_of(self.plan, self.begin, progress, self.events)
+        """Integrate it; errors as `nontwist.simulate`.
+
+        Where steps are chosen, outputs that do not lie on them, and events, are found by a second run on the same grid.
+        """
+        plan, begin, events = self.plan, self.begin, self.events
+        prepared = known(plan, begin, plan.grid, progress, events) if plan.grid is not None else None
+        if not (prepared and prepared.is_quiet):
+            is_quiet = self.announced()
+            if prepared:
+                prepared.is_quiet = is_quiet
+        if plan.grid is not None:
+            return with_warning(plan, integrated(plan, begin, plan.grid, progress, events, prepared), prepared)
+        is_whole, choose = not events and plan.of_steps is plan, self._controlled if self.first else self._short_steps
+        try:
+            steps, march = choose(progress and not events)
+        except SimulationError as error:
+            if is_whole or error.partial is None:
+                raise
+            steps, march = error.partial, None  # as far as it comes
+        if is_whole:
+            return steps
+        assert steps.stretches is not None
+        own = plan._replace(scheme=steps.integrator)
+        if self.first is not None and plan.is_between:
+            longest = apart_shown(plan, largest_size(steps.material_angular_velocity), self.first.swing)
+            shown = stretches_of(plan.grid_load, plan.t_start, plan.t_end, longest)
+            own = own._replace(output_times=plan.problem(begin, shown).stored_times)
+        run = integrated(own, begin, steps.stretches, events=events, marched=march)
+        return replace(run, tolerance=steps.tolerance, error_estimate=steps.error_estimate, warning=steps.warning)
+
+    def _controlled(self, progress: bool) -> tuple[Trajectory, Any]:
+        """Return the run to a tolerance that finds the steps, and its march, in which outputs can be found."""
+        plan, own = self.plan, self.plan.of_steps
+        with progress_bar(1, "runs") if progress else nullcontext() as report:
+            found, goal, error = controlled(own, self.begin, first=self.first, intervals=plan.means, progress=report)
+        notices.warn_of_grid(plan.load, plan.systems, plan.t_start, plan.t_end, found.grid)
+        run = trajectory(found.scheme, found.problem, found.outcome)
+        return replace(run, tolerance=goal, error_estimate=error), None if plan.load.wheels else found.outcome.march
+
+    def _short_steps(self, progress: bool) -> tuple[Trajectory, None]:
+        """Return the run that finds steps in which the body turns by at most 0.05 rad."""
+        plan, begin, grid = self.plan.of_steps, self.begin, self.grid
+        while True:
+            try:
+                run = integrated(plan, begin, grid, progress, (), known(plan, begin, grid, progress))
+            except SimulationError as error:
+                if error.status not in (Status.TURN, Status.STALLED):
+                    raise
+                grid = plan.automatic(begin, grid.longest / 4)
+                continue
+            turn = largest_size(run.material_angular_velocity) * grid.longest
+            if turn <= TURN * (1 + 1e-9):
+                notices.warn_of_grid(plan.load, plan.systems, plan.t_start, plan.t_end, grid)
+                return with_warning(plan, run), None
+            grid = plan.automatic(begin, grid.longest * TURN / (1.02 * turn))
 
 
 # What a run will be like, forecast before it runs: steps, size, time, turn a step, and the phase error to expect.
@@ -403,12 +376,8 @@ class Forecast(NamedTuple):
 
 def forecast(prepared: Prepared, members: int | None = None) -> Forecast:
     """Return what a run will be like, and a sweep of so many; problems are pairs of a keyword and the reason."""
-    plan, begin, grid, states = prepared.plan, prepared.begin, prepared.grid, prepared.states
-    scheme, load, N, h = prepared.scheme, plan.load, grid.steps, grid.longest
-    fastest = plan.fastest(begin)
-    degrees, phase = math.degrees(h * fastest), None
-    task = plan.problem(begin, grid, np.array([0, N]))
-    cost, problems = notices.run_cost(scheme, task, states), []
+    plan, scheme, grid, task, cost = prepared.plan, prepared.scheme, prepared.grid, prepared.whole, prepared.cost
+    load, h, fastest, problems, phase = plan.load, grid.longest, prepared.fastest, [], None
     if reason := refusal(scheme, task):
         is_taken = refusal(resolve_integrator(DEFAULT, None), task) is None
         problems.append(("integrator" if is_taken else "load", reason))
@@ -418,12 +387,12 @@ def forecast(prepared: Prepared, members: int | None = None) -> Forecast:
     messages = load_messages(load, plan.systems, plan.t_start, plan.t_end, grid)
     if not problems and (notice := notices.notice(cost)) is not None:
         messages.append(notice)
-    if not problems and (remark := plan.remark(begin, task)) is not None:
-        messages.append(remark)
+    if not problems and prepared.remark is not None:
+        messages.append(prepared.remark)
     if isinstance(scheme, Compiled) and not plan.is_controlled:
-        phase = math.degrees(phase_error(scheme, task, fastest))
-        if (text := coarseness(scheme, task, fastest)) is not None:
+        phase = math.degrees(notices.phase_error(scheme, task, fastest))
+        if (text := notices.coarseness(scheme, task, fastest)) is not None:
             messages.append(text)
     words = tuple(type(term).words(term.description) for term in load.terms)
-    told = tuple(messages), tuple(problems)
-    return Forecast(words, N, h, states, cost.size, cost.seconds, degrees, phase, swept, *told)
+    told, turn = (tuple(messages), tuple(problems)), math.degrees(h * fastest)
+    return Forecast(words, grid.steps, h, prepared.states, cost.size, cost.seconds, turn, phase, swept, *told)

@@ -38,7 +38,7 @@ from .ensembles import NAME, Propagator
 from .grid import stored_steps
 from .parameters import Parameter, Parameters, principal_axes
 from .planning import Plan
-from .single_run import run_of
+from .single_run import Prepared
 from .starts import Starts, starts
 
 MATRICES = ("rotation", "inertia", "dead_force", "damping")
@@ -105,7 +105,7 @@ class Varied:
     def run(self, values: Values) -> tuple[Array, Array]:
         """Return the stored attitudes Λ, (n, 3, 3), and velocities W, (n, 3)."""
         is_plain = OF_START.issuperset(values)
-        found = self._propagator(**self._plain(values)) if is_plain else run_of(*self._with(values))
+        found = self._propagator(**self._plain(values)) if is_plain else Prepared(*self._with(values)).run()
         return attitudes(found.quaternion), found.material_angular_velocity
 
     def push(self, values: Values, tangents: Values) -> tuple[Array, Array]:

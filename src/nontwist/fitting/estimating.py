@@ -39,6 +39,7 @@ from dataclasses import dataclass, replace
 from itertools import accumulate, pairwise, repeat
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..geometry.arrays import Array
 from ..geometry.attitudes import BASIS, ENTRIES, LEVI
@@ -57,31 +58,109 @@ SPHERE = entries(np.eye(3) / 3)
 CROSS = np.einsum("abc,kbd->kadc", LEVI, BASIS).reshape(6, 3, 9)
 
 
-def weak_rows(time: Array, rates: Array, width: float, moments: Array, momenta: Array, haste: float) -> Array:
-    """Return the equations of the weak form over windows of so many radians, (m, 3, 6 + q).
+def windowed(
+    time: Array, rates: Array, centres: Array, halves: Array, moments: Array, momenta: Array
+) -> tuple[Array, NDArray[np.bool_]]:
+    """Return the equations of the weak form in windows of time, (m, 3, 6 + q), and which windows have no gap.
 
-    `moments`, (n, 3, q), are those that act per unit of q more unknowns, and `momenta`, (n, 3, q), are those of rotors;
-    W changes `haste` times as fast as the body turns.
+    Their centres move to the closest sample, so that the sum of φ' over even samples vanishes as its integral does.
+    `moments`, (n, 3, q), are those that act per unit of q more unknowns, and `momenta`, (n, 3, q), are those of rotors.
     """
-    speed = np.sqrt((rates**2).sum(axis=1).mean())
-    steps = np.diff(time)
-    interval = np.quantile(steps, 0.8)
-    half = min(max(width / max(speed * haste, 1e-300), FEWEST * interval), time[-1] - time[0]) / 2
+    from scipy.sparse import csr_array
+
+    centres = time[np.searchsorted((time[1:] + time[:-1]) / 2, centres)]
+    steps = np.concatenate([[0.0], np.diff(time), [0.0]])
+    interval = np.quantile(steps[1:-1], 0.8)
+    first, last = np.searchsorted(time, centres - halves), np.searchsorted(time, centres + halves, "right")
+    count = np.where(last - first >= FEWEST, last - first, 0)
+    ends = np.concatenate([[0], np.cumsum(count)])
+    window = np.repeat(np.arange(len(centres)), count)
+    inside = np.arange(ends[-1]) + (first - ends[:-1])[window]
+    sides = np.stack([steps[inside], steps[inside + 1]])
+    gaps = sides.max(axis=0) > np.maximum(3 * interval, halves / FEWEST)[window]
+    lost, weight = np.bincount(window, gaps, len(centres)), sides.mean(axis=0)
+    s, half = (time[inside] - centres[window]) / halves[window], halves[window]
+    bump, slope = (
+        csr_array((values * weight, inside, ends), shape=(len(centres), len(time)))
+        for values in ((1 - s**2) ** 4, -8 * s * (1 - s**2) ** 3 / half)
+    )
+    products = np.einsum("ni,nj->nij", rates, rates).reshape(-1, 9)
+    turning = np.einsum("kij,mj->mik", BASIS, slope @ rates) + np.einsum("kij,mj->mik", CROSS, bump @ products)
+    more = (bump @ moments.reshape(len(time), -1) + slope @ momenta.reshape(len(time), -1)).reshape(len(centres), 3, -1)
+    return np.concatenate([turning, more], axis=2), (count > 0) & (lost == 0)
+
+
+def weak_rows(model: Model, time: Array, rates: Array, speed: Array | None, width: float) -> Array:
+    """Return the equations of the weak form over windows of so many radians, (m, 3, 6 + q)."""
+    size, duration = np.sqrt((rates**2).sum(axis=1).mean()), time[-1] - time[0]
+    haste, interval = haste_of(model, time, rates), np.quantile(np.diff(time), 0.8)
+    half = min(max(width / max(size * haste, 1e-300), FEWEST * interval), duration) / 2
     centres = np.arange(time[0] + half, time[-1] - half * (1 - 1e-9), half / 2)
     centres = centres if len(centres) else np.array([(time[0] + time[-1]) / 2])
-    first, last = np.searchsorted(time, centres - half), np.searchsorted(time, centres + half, "right")
-    gaps = steps > max(3 * interval, half / FEWEST)
-    lost = np.concatenate([[0], np.cumsum(gaps)])  # before each sample
-    whole = (last - first >= FEWEST) & (lost[last - 1] == lost[np.minimum(first, len(time) - 1)])
-    weight = np.gradient(np.concatenate([[0.0], np.cumsum(np.where(gaps, interval, steps))]))
-    rows = [np.zeros((0, 3, 6 + moments.shape[2]))]
-    for centre, inside in zip(centres[whole], map(slice, first[whole], last[whole]), strict=True):
-        s, W = (time[inside] - centre) / half, rates[inside]
-        bump, slope = (1 - s**2) ** 4 * weight[inside], -8 * s * (1 - s**2) ** 3 / half * weight[inside]
-        turning = (BASIS @ (slope @ W) + CROSS @ (bump * W.T @ W).ravel()).T
-        more = np.einsum("n,niq->iq", bump, moments[inside]) + np.einsum("n,niq->iq", slope, momenta[inside])
-        rows.append(np.concatenate([turning, more], axis=1)[None] / (half * speed**2 * haste + 1e-300))
-    return np.concatenate(rows)
+    rows, whole = windowed(time, rates, centres, np.full(len(centres), half), *acting(model, time, rates, speed))
+    return allowed(model, rows[whole]) / (half * size**2 * haste + 1e-300)
+
+
+def allowed(model: Model, rows: Array) -> Array:
+    """Return equations without the part along n of a constraint, whose moment is along it."""
+    n = model.constraint
+    return rows if n is None else rows - np.einsum("i,j,mjq->miq", n, n, rows)
+
+
+def turns(time: Array, rates: Array) -> Array:
+    """Return the rotations since the first sample by angular velocities that are linear between samples, (n, 3, 3)."""
+    steps = exp((rates[1:] + rates[:-1]) / 2 * np.diff(time)[:, None])
+    return np.array([*accumulate(steps, np.matmul, initial=np.eye(3))])
+
+
+@dataclass(frozen=True)
+class Guess:
+    """Values to start from: the model with its unit, J, what is fitted beside it, and γ at the first samples."""
+
+    model: Model
+    inertia: Array
+    more: Array
+    downs: Sequence[Array] = ()
+    misfit: float = 0.0  # of the weak form, r.m.s., of the moments that turning by a radian takes
+
+
+def acting(model: Model, time: Array, rates: Array, speed: Array | None) -> tuple[Array, Array]:
+    """Return the moments per unit of what is fitted beside J, and the momenta of a rotor, (n, 3, q).
+
+    The unknowns are those of gravity, of damping, and of the axis of a rotor, in this order.
+    """
+    pivot, wheel = model.pivot, model.wheel
+    moments, momenta = [np.zeros((len(time), 3, 0))], np.zeros((len(time), 3, 0))
+    if pivot is not None:
+        by = np.einsum("ijk,nlk->nijl", LEVI, turns(time, rates))
+        if pivot.direction is not None:
+            by = np.einsum("nijl,j->nil", by, pivot.direction)
+        moments.append(by.reshape(len(time), 3, -1))
+    if model.damping:
+        moments.append(-rates[:, :, None] * (np.ones((1, 1)) if model.damping == 1 else np.eye(3)))
+    if wheel is not None:
+        speed = np.zeros(len(time)) if speed is None else speed
+        momenta = wheel.inertia * np.multiply.outer(speed, np.eye(3) if wheel.axis is None else wheel.axis[:, None])
+        moments.append(np.cross(momenta, rates[:, :, None], axis=1))
+    every = np.concatenate(moments, axis=2)
+    return every, np.concatenate([np.zeros((*every.shape[:2], every.shape[2] - momenta.shape[2])), momenta], axis=2)
+
+
+def balanced(every: Array, model: Model, round_by: float) -> tuple[Array, Array]:
+    """Return w and what is left of equations of the weak form, (..., n, 6 + q).
+
+    w are the directions of J of trace 1, (..., 5), and q moments. `round_by` is how much J costs that is not a sphere,
+    over what it does to the equations. Without that, noise makes the moments large that a swing in a plane does not
+    tell, and so all else small beside the trace.
+    """
+    A = np.concatenate([every[..., :6] @ TRACELESS, every[..., 6:]], axis=-1)
+    size = np.maximum(np.linalg.norm(A, axis=-2, keepdims=True), 1e-300)
+    size[..., :5] = size[..., :5].max(axis=-1, keepdims=True)
+    aims = -every[..., :6] @ SPHERE
+    rounder = np.broadcast_to(round_by * np.eye(5, A.shape[-1]), (*A.shape[:-2], 5, A.shape[-1]))
+    solving = np.linalg.pinv(np.concatenate([A / size, rounder], axis=-2), rcond=1e-6 if model.is_free else 1e-4)
+    w = (solving[..., : A.shape[-2]] @ aims[..., None])[..., 0] / size[..., 0, :]
+    return w, (A @ w[..., None])[..., 0] - aims
 
 
 def pencil(stretches: Sequence[tuple[Array, Array]]) -> Array | None:
@@ -107,26 +186,8 @@ def pencil(stretches: Sequence[tuple[Array, Array]]) -> Array | None:
     outside = np.linalg.norm(squares - squares @ np.linalg.pinv(plane) @ plane, axis=1)
     best, weak = J[np.argsort(outside)[:20]], list[Array]()
     for time, W in stretches:
-        none = np.zeros((len(time), 3, 0))
-        weak.extend(weak_rows(time, W, WIDTHS[1], none, none, 1.0).reshape(-1, 6))
+        weak.extend(weak_rows(Model(), time, W, None, WIDTHS[1]).reshape(-1, 6))
     return best[np.argmin(np.linalg.norm(entries(best) @ np.reshape(weak, (-1, 6)).T, axis=1))]
-
-
-def turns(time: Array, rates: Array) -> Array:
-    """Return the rotations since the first sample by angular velocities that are linear between samples, (n, 3, 3)."""
-    steps = exp((rates[1:] + rates[:-1]) / 2 * np.diff(time)[:, None])
-    return np.array([*accumulate(steps, np.matmul, initial=np.eye(3))])
-
-
-@dataclass(frozen=True)
-class Guess:
-    """Values to start from: the model with its unit, J, what is fitted beside it, and γ at the first samples."""
-
-    model: Model
-    inertia: Array
-    more: Array
-    downs: Sequence[Array] = ()
-    misfit: float = 0.0  # of the weak form, r.m.s., of the moments that turning by a radian takes
 
 
 def with_moments(
@@ -136,45 +197,22 @@ def with_moments(
     round_by: float,
     speeds: Sequence[Array | None] = (),
 ) -> Guess | None:
-    """Return what the weak form gives with all that acts on the body, J of trace 1; None where it does not tell.
-
-    `round_by` is how much J costs that is not a sphere, over what it does to the equations. Without that, noise makes
-    the moments large that a swing in a plane does not tell, and so all else small beside the trace.
-    """
+    """Return what the weak form gives with all that acts on the body, J of trace 1; None where it does not tell."""
     pivot, wheel, count = model.pivot, model.wheel, len(stretches)
     own = 0 if pivot is None else 3 if pivot.direction is not None else 9
-    axes = np.zeros((3, 0)) if wheel is None else np.eye(3) if wheel.axis is None else wheel.axis[:, None]
-    spun, rows = own * count + model.damping, []
+    rows = []
     for k, ((time, rates), speed) in enumerate(zip(stretches, speeds or repeat(None), strict=False)):
-        acting = np.zeros((len(time), 3, spun + axes.shape[1]))
-        momenta = np.zeros_like(acting)
-        if pivot is not None:
-            by = np.einsum("ijk,nlk->nijl", LEVI, turns(time, rates))
-            if pivot.direction is not None:
-                by = np.einsum("nijl,j->nil", by, pivot.direction)
-            acting[:, :, own * k : own * (k + 1)] = by.reshape(len(time), 3, own)
-        if model.damping:
-            damping = -rates[:, :, None] if model.damping == 1 else -rates[:, :, None] * np.eye(3)
-            acting[:, :, spun - model.damping : spun] = damping
-        if wheel is not None and speed is not None:
-            momenta[:, :, spun:] = wheel.inertia * np.multiply.outer(speed, axes)
-            acting[:, :, spun:] = np.cross(momenta[:, :, spun:], rates[:, :, None], axis=1)
-        weak = weak_rows(time, rates, width, acting, momenta, haste_of(model, time, rates))
-        if model.constraint is not None:  # whose moment is along n
-            weak = weak - np.einsum("i,j,mjq->miq", model.constraint, model.constraint, weak)
-        rows.append(weak.reshape(-1, 6 + acting.shape[2]))
-    every = np.concatenate(rows)
-    if len(every) < every.shape[1]:
+        turning, arms, others = np.split(weak_rows(model, time, rates, speed, width), [6, 6 + own], axis=2)
+        every = [arms if j == k else np.zeros_like(arms) for j in range(count)]
+        rows.append(np.concatenate([turning, *every, others], axis=2))
+    equations = np.concatenate(rows)
+    equations = equations.reshape(-1, equations.shape[2])
+    if len(equations) < equations.shape[1]:
         return None
-    A = np.concatenate([every[:, :6] @ TRACELESS, every[:, 6:]], axis=1)
-    size = np.maximum(np.linalg.norm(A, axis=0), 1e-300)
-    size[:5] = size[:5].max()
-    aims = np.concatenate([-every[:, :6] @ SPHERE, np.zeros(5)])
-    whole, rcond = np.concatenate([A / size, round_by * np.eye(5, A.shape[1])]), 1e-6 if model.is_free else 1e-4
-    w = np.linalg.lstsq(whole, aims, rcond=rcond)[0] / size
-    misfit = float(np.sqrt(np.mean((every[:, :6] @ SPHERE + A @ w) ** 2)))
+    w, left = balanced(equations, model, round_by)
+    misfit = float(np.sqrt(np.mean(left**2)))
     J = symmetric(SPHERE + TRACELESS @ w[:5])
-    arms, damping, momentum = np.split(w[5:], [own * count, spun])  # the latter over the unit
+    arms, damping, momentum = np.split(w[5:], [own * count, own * count + model.damping])  # the latter over the unit
     axis = unit_vector(momentum) if "axis" in model.places else np.zeros(0)
     centre, downs, unit = np.zeros(0), np.zeros((0, 3)), 1.0
     if pivot is None and wheel is not None:
@@ -349,11 +387,11 @@ def _with_its_noise(found: Solution, calls: int) -> Solution:
     for _ in range(ROUNDS):
         spread, tilt = max(found.spread, 1e-12), max(found.tilt, 1e-12)
         change = max(abs(spread / found.problem.noise - 1), abs(tilt / max(found.problem.tilt, 1e-12) - 1))
-        at = solve(replace(found.problem, noise=spread, tilt=tilt), found.unknowns, calls=min(calls, CALLS))
-        found = _settled(at, calls)
-        if change < SETTLED:
+        problem = replace(found.problem, noise=spread, tilt=tilt)
+        found = solve(problem, found.unknowns, calls=min(calls, CALLS))
+        if change < SETTLED or is_hopeless(found):
             break
-    return found
+    return found if is_hopeless(found) else _settled(found, calls)
 
 
 def _with_more_knots(found: Solution) -> tuple[Shooting, Unknowns] | None:

@@ -23,6 +23,7 @@ from .measuring import Gyroscope, as_gyroscope, as_readings, plain_gyroscope, sp
 from .motions import RunawayError
 from .result import Fit, Part
 from .shooting import Loss, Shooting, Stretch, noise_of, noise_of_attitudes, require_turning, require_unsaturated
+from .solving import CALLS, PATIENT
 from .telling import beyond_the_wall
 from .telling import told as told_of
 
@@ -206,7 +207,7 @@ class Task:
     gyroscope: Gyroscope
     sigma: float
     loss: Loss
-    is_brief: bool = False  # motions are not searched in windows that are shorter than usual
+    is_brief: bool = False  # motions are not searched in shorter windows, nor fitted to the end of a long valley
 
     def fit(self, model: Model) -> Fit:
         """Return the fit of a model.
@@ -222,7 +223,8 @@ class Task:
         tilt = max(map(noise_of_attitudes, attitudes), default=0.0)
         noise = self.noise(stretches, tilt)
         try:
-            found = estimate(Shooting(stretches, self.gyroscope, noise, model, self.loss, (), tilt), self.sigma > 0)
+            problem = Shooting(stretches, self.gyroscope, noise, model, self.loss, (), tilt)
+            found = estimate(problem, self.sigma > 0, calls=CALLS if self.is_brief else PATIENT)
         except RunawayError as error:
             raise NoMotionError(self.no_motion(stretches, None, model)) from error
         if is_hopeless(found):

@@ -26,7 +26,8 @@ from numpy.typing import NDArray
 from ..geometry.arrays import Array
 from ..recordings.reading import Rates
 from .bodies import TRACELESS, G, Model
-from .estimating import Guess, estimate, turns, with_moments
+from .estimating import FEWEST as PART
+from .estimating import Guess, acting, allowed, balanced, estimate, turns, windowed
 from .measuring import READINGS, Gyroscope, speed_of
 from .motions import Motion, RunawayError, response
 from .shooting import Shooting, Stretch, haste_of, noise_of
@@ -34,7 +35,7 @@ from .solving import Solution, inverse
 
 THIN = 0.05  # rad, of the fastest turn
 SEED, SHARE = (2.0, 4.0), 0.2  # rad, least and most, for a free body; of all that it turns
-MOST_WINDOWS, SEEDS, ROUNDS = 10_000, 3, 10
+MOST_WINDOWS, BLOCK, SEEDS, ROUNDS = 10_000, 500, 3, 10
 SLOW = 0.3  # of the fastest window: slower ones are no throw
 FLOOR = 0.001  # of the speed: what sensors are off by besides noise
 OFF, SMOOTHED = 4.0, 5  # mean square of the deviation over its variance, over so many samples
@@ -121,6 +122,11 @@ class Search:
         return self.many * float(np.clip(SHARE * self.angle[-1], *SEED))
 
     @cached_property
+    def acting(self) -> tuple[Array, Array]:
+        """What acts beside at the samples, per unit of what is fitted."""
+        return acting(self.model, self.time, self.rates, self.speed)
+
+    @cached_property
     def speed(self) -> Array | None:
         """The speed of the rotor at the samples as it was read; None without one."""
         if self.recording.speed is None:
@@ -134,7 +140,8 @@ class Search:
         for fall in [] if acceleration is None or self.model.pivot is not None else falls(self.time, acceleration):
             if (grown := self.grown(*fall)) is not None:
                 return grown, "the accelerometer reads almost nothing"
-        if not self.model.is_free and self.weak(*every, SEED[0]) < LIKELY:
+        first, last = np.array([every]).T
+        if not self.model.is_free and self.misfits(first, last, min(SEED[0] / self.angle[-1], 1.0)) < LIKELY:
             begun = self.grown(0, min(int(np.searchsorted(self.angle, self.seed)) + FEWEST, every[1]), EXPLAINED)
             if begun == every or (begun is not None and self.grown(*every, EXPLAINED) is not None):
                 return every, "the whole recording is one motion"
@@ -165,14 +172,32 @@ class Search:
                 break
         return best[1:] if best[0] > 0 else None
 
-    def weak(self, a: int, b: int, width: float) -> float:
-        """Return the residual of the weak form in samples `a` to before `b`; infinite where it does not tell."""
-        speeds = [None if self.speed is None else self.speed[a:b]]
-        for round_by in (0.0, *([] if self.model.wheel is None else [ROUNDER])):
-            made = with_moments([(self.time[a:b], self.rates[a:b])], self.model, width, round_by, speeds)
-            if made is not None:
-                return made.misfit
-        return np.inf
+    def misfits(self, first: NDArray[np.intp], last: NDArray[np.intp], share: float) -> Array:
+        """Return what the weak form leaves in windows, over parts of this share of each.
+
+        It is r.m.s., of the moments that turning by a radian takes, and infinite where it does not tell.
+        """
+        begin, duration = self.time[first], self.time[last - 1] - self.time[first]
+        least = PART * float(np.quantile(np.diff(self.time), 0.8))
+        half = np.minimum(np.maximum(share * duration, least), duration) / 2
+        parts = np.linspace(0.0, 1.0, max(round(4 / share) - 3, 1))
+        centres = (begin + half)[:, None] + np.outer(duration - 2 * half, parts)
+        rows, whole = windowed(self.time, self.rates, centres.ravel(), np.repeat(half, len(parts)), *self.acting)
+        turned = half / duration * (self.angle[last - 1] - self.angle[first]) * self.speeds(first, last)
+        every = np.where(whole[:, None, None], allowed(self.model, rows), 0.0).reshape(len(first), -1, rows.shape[2])
+        every, samples = every / (turned[:, None, None] + 1e-300), 3 * whole.reshape(len(first), -1).sum(axis=1)
+        found, wheel = np.full(len(first), np.inf), self.model.wheel
+        for round_by in (0.0, *([] if wheel is None else [ROUNDER])):
+            w, left = balanced(every, self.model, round_by)
+            told = (w[:, -1] > 0) | (wheel is None or wheel.axis is None or self.model.pivot is not None)
+            misfit = np.sqrt((left**2).sum(axis=1) / np.maximum(samples, 1))
+            found = np.where(np.isinf(found) & told & (samples >= every.shape[2]), misfit, found)
+        return found
+
+    def speeds(self, first: NDArray[np.intp], last: NDArray[np.intp]) -> Array:
+        """Return the speeds of the body in windows, r.m.s., rad/s."""
+        squares = np.concatenate([[0.0], np.cumsum((self.rates**2).sum(axis=1))])
+        return np.sqrt((squares[last] - squares[first]) / (last - first))
 
     def windows(self, seed: float) -> Iterator[tuple[int, int]]:
         """Yield windows of `seed` rad, those first that look like a motion of the model."""
@@ -183,9 +208,8 @@ class Search:
         turned = np.linspace(0, self.angle[-1] - seed, count)
         first = np.searchsorted(self.angle, turned)
         last = np.minimum(np.maximum(np.searchsorted(self.angle, turned + seed) + 1, first + FEWEST), len(self.time))
-        squares = np.concatenate([[0.0], np.cumsum((self.rates**2).sum(axis=1))])
-        speeds = np.sqrt((squares[last] - squares[first]) / (last - first))
-        misfits = np.array([self.weak(a, b, seed / self.many / 4) for a, b in zip(first, last, strict=True)])
+        speeds, blocks = self.speeds(first, last), np.array_split(np.arange(count), int(np.ceil(count / BLOCK)))
+        misfits = np.concatenate([self.misfits(first[one], last[one], 1 / (4 * self.many)) for one in blocks])
         good = misfits < LIKELY
         good &= speeds >= SLOW * speeds[good].max(initial=0.0)
         yield from ((int(first[k]), int(last[k])) for k in np.argsort(misfits, kind="stable") if good[k])

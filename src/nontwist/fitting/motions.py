@@ -284,8 +284,9 @@ def response(motion: Motion, start: Array, times: Array, speed: Line | None = No
     RunawayError
         Numbers are not finite any more, or steps become too short.
     """
+    run = _prepared(motion)
     if speed is None:
-        return _piece(motion, start, times)
+        return _piece(motion, run, start, times)
     knots, d, m, p = speed.times, motion.kind.size, len(start), 6 + len(motion.more)
     values, found = np.empty((len(times), d)), np.empty((len(times), d, m + p + len(speed.start_by)))
     state, by = np.array([*start, speed.start, 0.0]), np.eye(d, found.shape[2])
@@ -294,7 +295,7 @@ def response(motion: Motion, start: Array, times: Array, speed: Line | None = No
     for k, (rate, rate_by) in enumerate(zip(speed.rates, speed.rates_by, strict=True)):
         state[-1], by[-1], by[-1, m + p :] = rate, 0.0, rate_by
         there, begin = np.flatnonzero(pieces == k), knots[k - 1] if k else 0.0
-        x, D = _piece(motion, state, np.append(times[there], knots[k : k + 1]) - begin)
+        x, D = _piece(motion, run, state, np.append(times[there], knots[k : k + 1]) - begin)
         whole = D[:, :, :d] @ by
         whole[:, :, m : m + p] += D[:, :, d:]
         values[there], found[there] = x[: len(there)], whole[: len(there)]
@@ -303,20 +304,28 @@ def response(motion: Motion, start: Array, times: Array, speed: Line | None = No
     return values, found
 
 
-def _piece(motion: Motion, start: Array, times: Array) -> tuple[Array, Array]:
-    """Return states while a rate of the speed lasts, and derivatives by the whole state at its start, J and `more`."""
-    kind, (vectors, vectors_by) = motion.kind, motion.vectors
-    d, p, order = kind.size, 6 + len(motion.more), np.argsort(times, kind="stable")
-    sorted_times, run = np.ascontiguousarray(times[order]), view_of(Run)
-    run.J, run.vectors, run.axis = Symmetric(*entries(motion.J)), Matrix(*vectors), Vector(*motion.constraint)
-    by, out = np.eye(d + 15, kind.directions), np.empty((len(times), d, 1 + kind.directions))
+def _prepared(motion: Motion) -> View:
+    """Return what the kernel is called with, but for a start and times."""
+    run, (vectors, vectors_by) = view_of(Run), motion.vectors
+    d, p = motion.kind.size, 6 + len(motion.more)
+    by = np.eye(d + 15, motion.kind.directions)
     by[d + 6 :] = 0.0
     by[d + 6 :, d + 6 : d + p] = vectors_by.reshape(9, -1)
-    run.start, run.by, run.times, run.out = start, by, sorted_times, out
+    run.J, run.vectors = Symmetric(*entries(motion.J)), Matrix(*vectors)
+    run.axis, run.by = Vector(*motion.constraint), by
+    return run
+
+
+def _piece(motion: Motion, run: View, start: Array, times: Array) -> tuple[Array, Array]:
+    """Return states while a rate of the speed lasts, and derivatives by the whole state at its start, J and `more`."""
+    kind, order = motion.kind, np.argsort(times, kind="stable")
+    d, many = kind.size, kind.size + 6 + len(motion.more)
+    sorted_times, out = np.ascontiguousarray(times[order]), np.empty((len(times), d, 1 + kind.directions))
+    run.start, run.times, run.out = start, sorted_times, out
     run.samples, run.most_steps = len(times), MOST_STEPS[0] + MOST_STEPS[1] * len(times)
     motion_kernel(kind)(run.address)
     if run.failed or not np.isfinite(out).all():
         raise RunawayError("the motion is not finite, or needs too many steps")
-    values, slopes = np.empty((len(times), d)), np.empty((len(times), d, d + p))
-    values[order], slopes[order] = out[:, :, 0], out[:, :, 1 : 1 + d + p]
+    values, slopes = np.empty((len(times), d)), np.empty((len(times), d, many))
+    values[order], slopes[order] = out[:, :, 0], out[:, :, 1 : 1 + many]
     return values, slopes

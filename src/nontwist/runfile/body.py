@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Callable, Iterator
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
-from pydantic import Field, create_model
+from pydantic import Field
 
 from ..geometry.arrays import AXES, Array
 from ..models.bodies import BODIES, with_gravity
@@ -19,8 +19,8 @@ from .section import AN_AXIS, BY_FORM, Axis, Matrix, OneOf, Positive, Section, V
 
 # Inertias made from a shape: `inertia = { cuboid = { mass = 2.0, lengths = [0.1, 0.2, 0.3] } }`.
 #
-# `MAKERS` is the visible list: a new maker is one class and one line. All inertias are about the fixed point, which is
-# the centre of mass of the shape unless `offset` puts it elsewhere.
+# `MadeInertia` is the visible list: a new shape is one class and one line. All inertias are about the fixed point,
+# which is the centre of mass of the shape unless `offset` puts it elsewhere.
 
 
 class Maker(Section):
@@ -108,42 +108,28 @@ def _shifted(mass: float, centre: Array, J: Array) -> MassProperties:
     return MassProperties(mass, centre, shift(J, mass, centre))
 
 
-MAKERS: dict[str, type[Maker]] = {
-    "cuboid": Cuboid,
-    "cylinder": Cylinder,
-    "ellipsoid": Ellipsoid,
-    "points": Points,
-    "mesh": Mesh,
-}
-
-
-class Placed(Section):
+class MadeInertia(Section):
     """A shape, and where it is."""
 
     offset: Vector = entry("3 numbers, m: from the fixed point to the shape", [0.0, 0.0, 0.0])
+    cuboid: Cuboid | None = entry("a table: A solid cuboid", None)
+    cylinder: Cylinder | None = entry("a table: A circular cylinder, solid or hollow", None)
+    ellipsoid: Ellipsoid | None = entry("a table: A solid ellipsoid", None)
+    points: Points | None = entry("a table: Point masses", None)
+    mesh: Mesh | None = entry("a table: A closed surface of triangles from a file", None)
 
     @property
-    def chosen(self) -> list[str]:
-        """The makers that are given; there must be one."""
-        return [name for name in MAKERS if getattr(self, name) is not None]
+    def chosen(self) -> dict[str, Maker]:
+        """The shapes that are given; there must be one."""
+        return {name: shape for name, shape in self if isinstance(shape, Maker)}
 
     def made(self, folder: Folder) -> MassProperties:
         """Return mass, centre of mass and inertia about the fixed point."""
-        if len(self.chosen) != 1:
-            raise ValueError(f"one of {', '.join(MAKERS)} makes an inertia, not {' and '.join(self.chosen) or 'none'}")
-        maker: Maker = getattr(self, self.chosen[0])
-        return maker.made(np.array(self.offset), folder)
+        (shape,) = self.chosen.values()
+        return shape.made(np.array(self.offset), folder)
 
 
-_fields: dict[str, Any] = {
-    name: (maker | None, entry(f"a table: {maker.__doc__}".rstrip("."), None)) for name, maker in MAKERS.items()
-}
-if TYPE_CHECKING:
-    MadeInertia = Placed
-else:
-    MadeInertia = create_model("MadeInertia", __base__=Placed, __doc__=Placed.__doc__, **_fields)
-
-
+MAKERS = [name for name in MadeInertia.model_fields if name != "offset"]
 GRAVITY = [0.0, 0.0, -9.81]
 
 

@@ -16,7 +16,6 @@ from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import replace
 from functools import cached_property
-from itertools import islice
 from pathlib import Path
 from typing import Annotated, Any, Self
 
@@ -48,59 +47,54 @@ from .sweep_table import Sweep, key_problems, step_problems, table_problems
 from .tables import AnyEvent, Integrator, Output, Start, Time, options_of
 
 
-def posed(tables: dict[str, Any], folder: Folder, faults: Faults) -> tuple[Problem, Prepared] | None:
-    """Return the problem of tables that are of the right form, and what is ready to run; None where that is wrong.
+def posed(file: Any, faults: Faults) -> tuple[Problem, Prepared] | None:
+    """Return the problem of a run file, and what is ready to run; None where that is wrong, and `faults` say why.
 
-    Parameters
-    ----------
-    tables : dict
-        Those of body, start, load and event (dicts of number to table), time, integrator, sweep that are of the right
-        form.
-    folder : Folder
-        Where the run file lies.
-    faults : Faults
-        What is wrong is appended.
+    Of the file tables, and entries of lists, may be None that are not of the right form.
     """
-    before = len(faults)
-    body, start, time, integrator, sweep = map(tables.get, ("body", "start", "time", "integrator", "sweep"))
-    system = None if body is None else _system(body, folder, faults)
-    given = {} if start is None else _start(start, time, system, folder, faults)
+    before, folder, time, loads = len(faults), file._folder, file.time, _entries(file.load)
+    system = None if file.body is None else _system(file.body, folder, faults)
+    given = {} if file.start is None else _start(file.start, time, system, folder, faults)
     load, events = Load(), []
     lasts = time is not None and time.t_end > time.t_start
-    place = Place(folder, time.t_start, time.t_end) if time is not None and lasts else Place(folder, 0.0, 1.0)
-    for k, one in tables["load"].items():
+    place = Place(folder, time.t_start, time.t_end) if lasts else Place(folder, 0.0, 1.0)
+    for k, one in loads:
         if lasts or not one.needs_times:
             with faults.of(f"load.{k}", one, one.error_key):
                 load += one.load(place)
-    given |= {} if integrator is None else _integrator(integrator, faults)
+    given |= {} if file.integrator is None else _integrator(file.integrator, faults)
     if time is not None:
         given |= time.model_dump(exclude={"times"}, exclude_none=True)
         with faults.of("time", time, "times"):
             given |= {} if time.times is None else {"times": time.output_times(folder)}
-    for k, one in tables["event"].items():
+    for k, one in _entries(file.event):
         with faults.of(f"event.{k}", one, "name"):
             events.append(one.event())
-    if sweep is not None:
-        table_problems(sweep, faults)
-        if start is not None and start.run is not None:
-            faults.append(Fault("start.run", shown(start.run), "left out: members of a sweep start from numbers"))
+    if file.sweep is not None:
+        table_problems(file.sweep, faults)
+        if file.start is not None and file.start.run is not None:
+            faults.append(Fault("start.run", shown(file.start.run), "left out: members of a sweep start from numbers"))
         if events:
             faults.append(Fault("event", f"{len(events)} tables", "left out: a sweep looks for no events"))
     reason: Fault | None = None
-    if system is not None and integrator is not None and len(faults) == before and None not in (start, time):
-        problem = problem_with(system, given | {"load": load} | ({"events": events} if events else {}))
+    if system is not None and len(faults) == before and None not in (file.start, time, file.integrator):
+        problem = problem_with(system, given | {"load": load} | ({"events": events} if events else {}), file)
         try:
             return problem, prepared(problem)
         except ValueError as error:
-            reason = misfit(len(tables["load"]), error)
+            reason = misfit(len(loads), error)
             with suppress(ValueError):
                 prepared(problem.replace(integrator=DEFAULT, order=None))
-                reason = Fault("integrator.name", f"{shown(integrator.name)} ({error})", CAPABLE)
+                reason = Fault("integrator.name", f"{shown(file.integrator.name)} ({error})", CAPABLE)
     if time is not None:
         _locate(time, system, given, faults)
     if reason and len(faults) == before:
         faults.append(reason)
     return None
+
+
+def _entries(tables: list[Any]) -> list[tuple[int, Any]]:
+    return [(k, one) for k, one in enumerate(tables) if one is not None]
 
 
 def misfit(loads: int, reason: object) -> Fault:
@@ -217,20 +211,14 @@ class RunFile(Section):
         """Folder of the file, to which paths in the file are relative."""
         return self._folder.path
 
-    @property
-    def tables(self) -> dict[str, Any]:
-        """The tables, loads and events by their number."""
-        many = {"load": dict(enumerate(self.load)), "event": dict(enumerate(self.event))}
-        return {key: getattr(self, key) for key in RunFile.model_fields} | many
-
     @cached_property
     def problem(self) -> Problem:
         """The problem that the file describes; a RunFileError lists all problems of tables that define none."""
         faults = Faults()
-        made = posed(self.tables, self._folder, faults)
+        made = posed(self, faults)
         if made is None:
             raise RunFileError("the run file", tuple(faults))
-        return problem_with(made[0].system, made[0].given, self)
+        return made[0]
 
     @cached_property
     def prepared(self) -> Prepared:
@@ -314,52 +302,52 @@ def file_of_text(name: str, text: str, folder: Path) -> RunFile:
 
 def checked(name: str, data: dict[str, Any], folder: Folder) -> RunFile:
     """Return plain data as a run file; a RunFileError names all that is wrong."""
-    faults, further, cause, file, made = Faults(), Faults(), None, None, None
+    faults, further, cause, whole = Faults(), Faults(), None, None
     try:
-        file = RunFile.model_validate(data)
-        tables = file.tables
+        file = whole = RunFile.model_validate(data)
     except ValidationError as error:
-        cause, tables = error, _standing(data, [one.path for one in found_in(error)])
-        faults += islice(problems_of(error), MOST_PROBLEMS)
-    if len(faults) < MOST_PROBLEMS:
-        time, sweep, scheme = tables["time"], tables["sweep"], tables["integrator"]
-        made = posed(tables, folder, further)
-        ready = None if made is None else made[1]
-        if data.get("sweep") is not None and time is not None and scheme is not None:
-            further += step_problems(time.step, INTEGRATORS[scheme.name], ready)
-        if sweep is not None and all(fault.key.partition(".")[0] == "sweep" for fault in faults):
-            whole = file or RunFile.model_validate({key: one for key, one in data.items() if key != "sweep"})
-            further += key_problems(sweep, whole.model_dump(exclude_none=True))
-        if ready is not None and sweep is not None and not ready.plan.load.wheels:
-            with further.of("sweep", sweep, "variables"):
+        cause, file = error, _standing(data, [one.path for one in found_in(error)])
+        faults += problems_of(error)
+    file._folder = folder
+    made, sweep = posed(file, further), file.sweep
+    ready = None if made is None else made[1]
+    if data.get("sweep") is not None and None not in (file.time, file.integrator):
+        further += step_problems(file.time.step, INTEGRATORS[file.integrator.name], ready)
+    if sweep is not None and all(fault.key.partition(".")[0] == "sweep" for fault in faults):
+        whole = whole or RunFile.model_validate({key: one for key, one in data.items() if key != "sweep"})
+        further += key_problems(sweep, whole.model_dump(exclude_none=True))
+    if ready is not None and sweep is not None:
+        with further.of("sweep", sweep, "variables"):
+            if not ready.plan.load.wheels:
                 require_no_wheels(sweep.variables)
-        if ready is not None and sweep is not None and sweep.reduce:
-            with further.of("sweep", sweep, "reduce"):
+        with further.of("sweep", sweep, "reduce"):
+            if sweep.reduce:
                 require_observed(ready.plan.scheme, ready.plan.load)
-        if ready is not None and not further:
-            with further.of("time", time, "step" if time.tolerance is None else "tolerance"):
-                _ = ready.states
+    if ready is not None and not further:
+        with further.of("time", file.time, "step" if file.time.tolerance is None else "tolerance"):
+            _ = ready.states
     named = {fault.key for fault in faults}
     faults += (fault for fault in further if fault.key not in named)
     if len(faults) >= MOST_PROBLEMS:
         more = Fault("the file", f"at least {MOST_PROBLEMS} problems", "none; the first are listed")
         faults[MOST_PROBLEMS - 1 :] = [more]
-    if file is None or made is None or faults:
+    if made is None or faults:
         raise RunFileError(name, tuple(faults)) from cause
-    file._folder = folder
-    vars(file).update(problem=problem_with(made[0].system, made[0].given, file), prepared=ready)
+    vars(file).update(problem=made[0], prepared=ready)
     return file
 
 
-def _standing(data: dict[str, Any], wrong: list[Keys]) -> dict[str, Any]:
-    """Return the tables that are of the right form once wrong keys are left out; loads and events by their number."""
-    single = ("body", "start", "time", "integrator", "sweep")
-    tables = {key: _stands(RunFile.model_fields[key].annotation, data.get(key, {}), (key,), wrong) for key in single}
-    for key, form in (("load", AnyLoad), ("event", AnyEvent)):
-        entries = enumerate(data[key] if isinstance(data.get(key), list) else [])
-        found = {k: _stands(form, one, (key, k), wrong) for k, one in entries}
-        tables[key] = {k: one for k, one in found.items() if one is not None}
-    return tables
+def _standing(data: dict[str, Any], wrong: list[Keys]) -> Any:
+    """Return the file once wrong keys are left out; tables that are still not of the right form are None."""
+    tables, lists = dict[str, Any](), {"load": AnyLoad, "event": AnyEvent}
+    for key, field in RunFile.model_fields.items():
+        value = data.get(key, {})
+        if key in lists:
+            entries = enumerate(value if isinstance(value, list) else [])
+            tables[key] = [_stands(lists[key], one, (key, k), wrong) for k, one in entries]
+        else:
+            tables[key] = _stands(field.annotation, value, (key,), wrong)
+    return RunFile.model_construct(**tables)
 
 
 def _stands(form: Any, value: Any, at: Keys, wrong: list[Keys]) -> Any:

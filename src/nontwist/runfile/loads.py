@@ -6,8 +6,7 @@ time span, numbers in several forms. The schema, the messages, `nontwist check` 
 
 from __future__ import annotations
 
-from abc import abstractmethod
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import MISSING
 from functools import cache
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NamedTuple, get_args, get_origin
@@ -39,6 +38,7 @@ class LoadSection(Section):
     If it `is_swept`, the members of a sweep that differ in its factor are computed together.
     """
 
+    makes: ClassVar[Callable[..., Load]]
     error_key: ClassVar[str]
     needs_times: ClassVar[bool] = False  # whether it depends on t_start and t_end
     is_swept: ClassVar[bool] = True
@@ -50,9 +50,9 @@ class LoadSection(Section):
         """Return the load; a ValueError if it cannot be made."""
         return self.scale * self.unscaled(place)
 
-    @abstractmethod
     def unscaled(self, place: Place) -> Load:
-        """Return the load for the scale 1."""
+        """Return the load for the scale 1: what `makes` makes of the keys."""
+        return type(self).makes(**self.model_dump(exclude={"kind", "scale"}, exclude_none=True))
 
     @property
     def is_lasting(self) -> bool:
@@ -143,16 +143,11 @@ class Csv(Tabled):
 class Damping(LoadSection):
     """Viscous damping, -Λ C Λᵀ w."""
 
-    error_key = "coefficient"
-    is_swept = False
+    makes, error_key, is_swept = damping, "coefficient", False
     kind: Literal["damping"]
     coefficient: Annotated[float | Vector | Matrix, BY_FORM] = entry(
         "N m s, not negative: a number, 3 numbers along the directors, or 3 rows of 3 numbers"
     )
-
-    def unscaled(self, place: Place) -> Load:
-        """Return the load."""
-        return damping(self.coefficient)
 
 
 class Rotor(Tabled):
@@ -201,25 +196,10 @@ class Rotor(Tabled):
 class Dipole(LoadSection):
     """A dipole of the body in a uniform field."""
 
-    error_key = "moment"
-    is_swept = False
+    makes, error_key, is_swept = dipole, "moment", False
     kind: Literal["dipole"]
     moment: Vector = entry("3 numbers along the directors, A m² or C m")
     field: Vector = entry("3 numbers in space, T or V/m")
-
-    def unscaled(self, place: Place) -> Load:
-        """Return the load."""
-        return dipole(self.moment, self.field)
-
-
-class OfTerm(LoadSection):
-    """A load that is one term, whose fields are the keys."""
-
-    makes: ClassVar[type[Term]]
-
-    def unscaled(self, place: Place) -> Load:
-        """Return the load."""
-        return self.makes(**{name: getattr(self, key) for name, key in keys_of(self.makes).items()}).load
 
 
 MADE: dict[str, type[LoadSection]] = {
@@ -246,8 +226,12 @@ def table_of(kind: str, cls: type[Term]) -> type[LoadSection]:
         described = entry(accepted(form, spec), ... if default is MISSING else plain(default))
         keys[names[name]] = Annotated[kind_of_key, spec], described
         required += [names[name]] * (default is MISSING)
-    made = create_model(cls.__name__, __base__=OfTerm, __doc__=cls.__doc__, __module__=cls.__module__, **keys)
-    made.makes, made.error_key, made.is_swept = cls, required[-1], not issubclass(cls, ForceTerm)
+
+    def load_of(**given: Any) -> Load:
+        return cls(**{name: given[key] for name, key in names.items() if key in given}).load
+
+    made = create_model(cls.__name__, __base__=LoadSection, __doc__=cls.__doc__, __module__=cls.__module__, **keys)
+    made.makes, made.error_key, made.is_swept = load_of, required[-1], not issubclass(cls, ForceTerm)
     return made
 
 

@@ -23,7 +23,7 @@ from ..kernels.dual import Dual, plain, tangent
 from .functions import CFunction, checked, name_of, plainly
 from .memory import Wheel
 from .potentials import ForceTable, Potential, PotentialFunction
-from .terms import Damping, Rotor, Table, Term
+from .terms import Damping, Rotor, Tabulated, Term
 
 DIFFERENCE = float(2.0 ** np.round(np.log2(np.finfo(np.float64).eps) / 3))  # of a central difference, of the scale
 SLACK = 1e-9  # of a value by duals
@@ -61,7 +61,7 @@ def slopes_of_time(term: Term, name: str, times: Array, later: Array | None = No
         found = Slopes.of(term.samples(times)[..., None])
     elif later is not None:
         found = Slopes.of(term.scale * _slopes(term, times) * later[:, None, None])
-    elif isinstance(term, Table | ForceTable):
+    elif isinstance(term, Tabulated):
         inside = np.flatnonzero((times >= term.times[0]) & (times < term.times[-1]))
         row, entry, weight = _weights(term.times, times[inside])
         n = term.values[0].size

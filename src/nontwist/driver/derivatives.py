@@ -204,7 +204,8 @@ class Solved:
     @cached_property
     def _steps(self) -> tuple[Linearised | RememberingSteps, Array]:
         """The steps, linearised, and the changes of the first state by the parameters."""
-        own, how, first = self.parameters, (self.problem, self.run.integrator), self.problem.velocity[0]
+        own, first = self.parameters, self.problem.velocity[0]
+        how: Any = self.problem, self.run.integrator
         if self.problem.load.memories:
             remembering = RememberingSteps(*how, own.of_wheels, own.inertias)
             return remembering, remembering.start(own.start(6, first, self._removed))

@@ -69,7 +69,7 @@ class ForceTable(Tabulated, DirectorForces):
     frame: Frame
 
     @property
-    def values(self) -> Array:  # type: ignore[override]
+    def values(self) -> Array:
         """The forces."""
         return self.forces_of
 

@@ -290,6 +290,7 @@ REFUSED = {
     "BVH": no("row-length", "\n".join([*bvh().split("\n")[:24], "1 2 3"]), "a.bvh", {"body": "Arm"}, place="line 25",
         what="motion", count=3, width=12),
     "BVH, channels of an end": no("hierarchy", bvh().replace("Site {", "Site { CHANNELS 1 Xrotation", 1), "a.bvh"),
+    "BVH, channels twice": no("hierarchy", bvh().replace("CHANNELS 3", "CHANNELS 1 Xrotation\n CHANNELS 3"), "a.bvh"),
     "BVH, another axis": no("hierarchy", bvh().replace("Zrotation", "Wrotation"), "a.bvh"),
     "BVH, underscores": no("not-a-number", "\n".join([*bvh().split("\n")[:24], "1_0 " * 12]), "a.bvh", value="1_0"),
     **{f"BVH, {x}": no("no-frame-time", bvh().replace("0.02", x, 1), "a.bvh") for x in ("-0.02", "0", "nan", "inf")},

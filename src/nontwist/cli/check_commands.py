@@ -124,7 +124,7 @@ def _aimed(file: Path, overrides: list[str], target: float) -> list[str]:
 
 def print_target(file: Path, whole: Prepared, target: float, given: list[str], answer: Answer) -> None:
     """Print the order and the step that reach an error, and the time of such a run; `given`: with these overrides."""
-    from ..comparison.reference import shortest_times
+    from ..comparison.comparing import shortest_times
     from ..runfile.files import document
 
     prepared = whole.on_grid

@@ -68,9 +68,9 @@ def march(scheme: Integrator, problem: IVP, threads: int = 1) -> Outcome:
     in_kernels = not (load.is_dry or load.wheels or any(one.dead_force is None for one in load.potentials))
     own = problem if in_kernels else replace(problem, observed=False)
     if load.is_dry:
-        from . import contacts  # which marches the parts of a run by this function
+        from . import rubbing  # which marches the parts of a run by this function
 
-        outcome = contacts.march(scheme, own, threads)
+        outcome = rubbing.march(scheme, own, threads)
     else:
         outcome = unchecked(scheme, own, threads)
     if problem.observed and outcome.observed is None:

@@ -38,14 +38,13 @@ the rows of G being the axes a of friction of the body, and -n of that in bearin
 A wheel that stands is a part of the body, ``h = I n·W``; one that slips has the constant torque -λ, which takes c |Ω|.
 An impulse p changes W by -Q Gᵀ p, and h of bearings by -p: the total momentum does not feel those in bearings.
 
-`rubbing` has how a body slides, sticks and rests, `completion` how other loads are named that jump with the state.
+`rubbing` marches: a body slides, sticks and rests. `completion` names other loads that jump with the state.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
-from functools import partial
+from functools import cache, partial
 from itertools import product
 from math import sqrt
 from typing import Any, NamedTuple
@@ -54,28 +53,18 @@ import numpy as np
 
 from ..geometry.arrays import Array, cross
 from ..geometry.attitudes import States, directors
-from ..integrators.base import IVP, Failure, Integrator, Outcome, Status
+from ..integrators.base import IVP, Integrator
 from ..integrators.load_samples import carrier, wheel_columns
-from ..integrators.problem import Intervals, onward, started
-from ..integrators.stepping import one_by_one
 from ..loads import Load
 from ..loads.base import moment_at
 from ..loads.friction import ROUND_OFF
 from ..loads.functions import checked
 from ..loads.memory import Wheel
-from ..models.stack import stacked
 from ..models.system import DirectorSystem
-from . import completion
-from .events import Event, Piece, joined, march_to_events
 from .starts import BodyState
 
 TINY = float(np.finfo(np.float64).tiny)
-CLOSE, ULPS = 1e-11, 64  # of a step, and units in the last place of a time: what lies nearer to a node is at it
-STEPS = 4096  # that are marched before modes are looked at again
-MOST = 50  # changes of modes at one time
-SOON = 1 / 64  # of a step: a rate that would vanish earlier has steps of its own
 STILL = 1e-12  # of what moments accelerate a body by: nothing
-RESTLESS = "dry friction changes between sticking and sliding without end"
 SCHEMES = "dry_friction needs an integrator that splits its steps, gauss or lie-midpoint; {} does not"
 SPIN = "dry_friction does not act on a body whose spin is prescribed; leave spin= out"
 WHEELS_SPIN = "coulomb= of a wheel does not act on a body whose spin is prescribed; leave spin= out, or use viscous="
@@ -93,17 +82,8 @@ class Change(NamedTuple):
     value: Callable[[float, Any], float]
 
 
-class Phase(NamedTuple):
-    """A smooth problem while modes stay: body, load, what ends it, and what its pieces are as those of the body."""
-
-    system: DirectorSystem
-    load: Load
-    changes: Sequence[Change]
-    told: Callable[[Piece], Piece]
-
-
 class Contacts:
-    """A march of a problem of one body under dry friction, from its start to its end.
+    """The contacts of a body under dry friction, its state, and the modes of these.
 
     Attributes
     ----------
@@ -114,20 +94,14 @@ class Contacts:
     dry : numbers of the wheels of the other contacts
     limits, G, D, S : of the contacts
     modes : dict
-    at_nodes : bool
-        Whether pieces have the states at all nodes.
     """
 
     def __init__(self, scheme: Integrator, problem: IVP) -> None:
         self.scheme, self.problem, self.body = scheme, problem, problem.system
         self.load, self.frictions = problem.load.without_frictions, problem.load.frictions
-        self.t, self.modes, self.at_nodes = problem.t_start, Modes(), False
+        self.t, self.modes = problem.t_start, Modes()
         z = None if problem.internal is None else problem.internal[0].copy()
         self.state = States(problem.quaternion[0].copy(), problem.velocity[0].copy(), internal=z)
-        self.pieces = [Piece(np.array([self.t]), self.state.part(None), None)]
-        self.failure: Failure | None = None
-        self._inverses = dict[tuple[int, ...], Array]()  # of parts of S
-        self.nodes = problem.times(np.arange(problem.steps + 1))
         found = list(wheel_columns(self.load))
         self.wheels, self.places = [one.unscaled for one, _ in found], np.array([place for _, place in found], int)
         self.dry, self.bearings = [a for a, one in enumerate(self.wheels) if one.is_dry], len(self.frictions)
@@ -147,7 +121,7 @@ class Contacts:
         """Set the axes of the friction of the body."""
         self.G = np.concatenate([np.reshape(axes, (-1, 3)), -self.spins[self.dry]])
         self.S = self.G @ self.Q @ self.G.T + np.diag(self.D)
-        self._inverses.clear()
+        self._inverse = cache(lambda *contacts: np.linalg.pinv(self.S[np.ix_(contacts, contacts)], hermitian=True))
 
     # ---- rates and forces
 
@@ -211,10 +185,6 @@ class Contacts:
         """The contacts that stick."""
         return [k for k, sign in self.modes.items() if not sign]
 
-    def phase(self, stuck: list[int]) -> Phase | None:
-        """Return the smooth problem in which these contacts stick and all others slide; None where it fails."""
-        raise NotImplementedError
-
     # ---- modes
 
     def begin(self) -> None:
@@ -230,18 +200,13 @@ class Contacts:
         """Return λ and r' of all contacts."""
         lam = np.array([modes.get(k, 0) * c for k, c in enumerate(self.limits.tolist())])
         if held := [k for k, sign in modes.items() if not sign]:
-            lam[held] = self._inverse(held) @ (b - self.S @ lam)[held]
+            lam[held] = self._inverse(*held) @ (b - self.S @ lam)[held]
         return lam, b - self.S @ lam
-
-    def _inverse(self, contacts: Sequence[int]) -> Array:
-        if (key := tuple(contacts)) not in self._inverses:
-            self._inverses[key] = np.asarray(np.linalg.pinv(self.S[np.ix_(key, key)], hermitian=True), np.float64)
-        return self._inverses[key]
 
     def settle(self, zero: Sequence[int], forced: Modes) -> None:
         """Choose the modes of contacts whose rates are zero; those that are `forced` slide."""
         own, (_, W, *_, z) = list(zero), self.state
-        self.kick(own, self._inverse(own) @ self.rates()[own])
+        self.kick(own, self._inverse(*own) @ self.rates()[own])
         b, free = self.free(self.t, directors(self.state.quaternion), W, z), [k for k in zero if k not in forced]
         for signs in product((0, 1, -1), repeat=len(free)):
             modes = self.modes | forced | dict(zip(free, signs, strict=True))
@@ -270,113 +235,6 @@ class Contacts:
         sides = [(k, side) for k in contacts for side in ((0,) if modes[k] else (1, -1))]
         return [Change(k, side, partial(left, k=k, side=side)) for k, side in sides]
 
-    # ---- the march
-
-    def march(self) -> Outcome:
-        """March to the end, or to a failure."""
-        self.begin()
-        begin, end, last, count = self.problem.t_start, self.problem.t_end, self.t, 0
-        while self.t < end and self.failure is None:
-            self.advance()
-            count, last = (0, self.t) if self.t > last else (count + 1, last)
-            if count > MOST:
-                self.fail(RESTLESS)
-            if self.problem.progress:
-                self.problem.progress((self.t - begin) / (end - begin))
-        return joined(self.pieces, self.problem, self.failure)
-
-    def advance(self) -> None:
-        """March while modes stay, to a node at most."""
-        stuck = self.standing
-        if (phase := self.phase(stuck)) is None:
-            return
-        one = replace(self.until(left=self.time_left()), systems=stacked(phase.system), load=phase.load)
-        piece, change = self.marched(one, phase.changes)
-        self.keep(phase.told(piece))
-        if change is not None and change.contact in self.modes:
-            zero = stuck if change.sign else [*stuck, change.contact]
-            self.modes = {k: sign for k, sign in self.modes.items() if k not in (*zero, change.contact)}
-            self.settle(zero, {change.contact: change.sign} if change.sign else {})
-
-    def time_left(self) -> float:
-        """Return the time in which the first of the rates would vanish, at its derivative here."""
-        _, W, *_, z = self.state
-        rates = self.rates()
-        slopes = self.holding(self.free(self.t, directors(self.state.quaternion), W, z), self.modes)[1]
-        falls = [k for k, sign in self.modes.items() if sign and sign * slopes[k] < 0 < sign * rates[k]]
-        return float(min((-rates[falls] / slopes[falls]), default=np.inf))
-
-    def fail(self, reason: str) -> None:
-        """End the march here."""
-        self.failure = Failure(Status.LOAD, self.number(), np.nan, np.nan, reason)
-
-    def number(self, t: float | None = None) -> int:
-        """Return the number of the step at whose beginning, or in which, a time is, by default that of the march."""
-        return int(np.searchsorted(self.nodes, self.t if t is None else t, side="right")) - 1
-
-    def until(self, most: int = STEPS, left: float = np.inf) -> IVP:
-        """Return the problem from here to the next node, from a node over `most` steps; `left`: as `time_left`."""
-        k = self.number()
-        end, length = float(self.nodes[k + 1]), float(self.nodes[k + 1] - self.nodes[k])
-        if left < SOON * length:
-            end = min(end, self.t + max(2 * left, ULPS * float(np.spacing(abs(self.t)))))
-        elif self.t == self.nodes[k]:
-            one = onward(self.problem, k, min(k + most, self.problem.steps), self.state)
-            return replace(one, load=self.load)
-        return self.to(end)
-
-    def to(self, t: float) -> IVP:
-        """Return the problem of one step from here to a time."""
-        grid: dict[str, Any] = {"steps": 1, "stored": np.array([0, 1]), "stretches": None, "progress": None}
-        return replace(
-            self.problem, t_start=self.t, t_end=t, output_times=None, load=self.load, **grid, **started(self.state)
-        )
-
-    def at_node(self, t: float) -> float:
-        """Return a time, or that of the node that it nearly is."""
-        k = min(self.number(t) + 1, self.problem.steps)
-        node = float(self.nodes[k])
-        return node if node - t <= max(CLOSE * (node - self.nodes[k - 1]), ULPS * np.spacing(abs(node))) else t
-
-    def marched(self, one: IVP, changes: Sequence[Change], at_nodes: bool = False) -> tuple[Piece, Change | None]:
-        """March a smooth problem to its end or to the first change."""
-        known = self.problem.stored_times
-        inner = known[(known > one.t_start) & (known < one.t_end)]
-        ends = one.times(np.arange(one.steps + 1) if at_nodes or self.at_nodes else np.array([0, one.steps]))
-        output_times = np.union1d(inner, ends) if changes or inner.size or one.steps > 1 else None
-        one, ended_by = replace(one, output_times=output_times, intervals=True), None
-        if changes:
-            events = tuple(Event(_positive(each.value, one.t_start), "friction", 1, -1.0) for each in changes)
-            times, outcome, _, ended_by = march_to_events(self.scheme, one, events)
-        else:
-            times, outcome = one.stored_times, completion.march(self.scheme, one)
-        n, failure = int(outcome.good[0]), outcome.failure()
-        if failure is not None:
-            self.failure = failure._replace(step=failure.step + self.number())
-        states, means = outcome.states.part(0, slice(n)), outcome.intervals
-        cut: Any = () if means is None else (None if x is None else x[:, : max(n - 1, 0)] for x in means)
-        times = times[:n].copy()
-        if ended_by is not None and n:
-            times[-1] = self.at_node(float(times[-1]))
-        piece = Piece(times, states._replace(normal=None, directors=None), Intervals(*cut) if means else None)
-        return piece, None if ended_by is None else changes[ended_by]
-
-    def keep(self, piece: Piece) -> None:
-        """Add a part to the run; move to its end."""
-        if len(piece.times) > 1:
-            self.pieces.append(piece)
-        if len(piece.times):
-            self.t = float(piece.times[-1])
-            self.state = States(*(None if x is None else x[-1].copy() for x in piece.states))  # type: ignore[arg-type]
-
-
-def _positive(value: Callable[[float, Any], float], start: float) -> Callable[[float, Any], float]:
-    """Return a function that is positive where a mode begins: it may vanish there."""
-    return lambda t, state: value(t, state) if t > start else max(value(t, state), TINY)
-
-
-# ---- what is refused, and marches
-
 
 def refusal(scheme: Integrator, problem: IVP) -> str | None:
     """Return why a problem is not accepted, for its dry friction or for the integrator's reasons; None if it is."""
@@ -398,22 +256,6 @@ def refusal(scheme: Integrator, problem: IVP) -> str | None:
         if min(across, default=1.0) <= STILL:
             return ALONG
     return scheme.refusal(problem)
-
-
-def march(scheme: Integrator, problem: IVP, threads: int = 1) -> Outcome:
-    """Integrate a stack of bodies under dry friction, or with wheels that have it, one after the other.
-
-    Raises
-    ------
-    ValueError
-        What `refusal` returns; as the integrator.
-    """
-    from .rubbing import Rubbed, Tumbling
-
-    if (reason := refusal(scheme, problem)) is not None:
-        raise ValueError(reason)
-    kind = Tumbling if any(one.axis is None for one in problem.load.frictions) else Rubbed
-    return one_by_one(lambda one: kind(scheme, one).march(), problem, threads)
 
 
 def torque(body: DirectorSystem, load: Load, t: float, q: Array, W: Array) -> Array:

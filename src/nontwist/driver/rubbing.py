@@ -19,42 +19,67 @@ integral of this W'. (In a shorter time the latter would be lost in round-off.)
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import lru_cache, partial
+from functools import cache, lru_cache, partial
 from typing import Any
 
 import numpy as np
-from numpy.polynomial.legendre import leggauss
 
 from ..geometry.arrays import Array, cross
 from ..geometry.attitudes import States, attitudes, directors
-from ..integrators.base import IVP, Integrator
+from ..integrators.base import IVP, Failure, Integrator, Outcome, Status
+from ..integrators.problem import Intervals, onward, started
+from ..integrators.stepping import one_by_one
 from ..loads import Load, moment
 from ..loads.friction import Sliding
 from ..loads.memory import OnBodyAtRest, Wheel
 from ..loads.potentials import GravityGradient
 from ..loads.terms import Damping
+from ..models.stack import stacked
 from ..models.system import DirectorSystem, HingedSystem
-from .contacts import STILL, TINY, ULPS, Change, Contacts, Modes, Phase
-from .events import XTOL, Piece
+from . import completion
+from .completion import WEIGHTS, X
+from .contacts import STILL, TINY, Change, Contacts, Modes, refusal
+from .events import XTOL, Event, Piece, joined, march_to_events
 from .starts import body_state
 
 EPS = float(np.finfo(np.float64).eps)
-PLANE = 256  # steps that are marched before modes are looked at again, in plane motion
+CLOSE, ULPS = 1e-11, 64  # of a step, and units in the last place of a time: what lies nearer to a node is at it
+STEPS, PLANE = 4096, 256  # that are marched before modes are looked at again; in plane motion
+MOST = 50  # changes of modes at one time
+SOON = 1 / 64  # of a step: a rate that would vanish earlier has steps of its own
+RESTLESS = "dry friction changes between sticking and sliding without end"
 QUARTER = 0.5  # of the time in which W may vanish
 BEGIN, SLOWLY, TICKS = 1e-5, 1e-3, 4096  # of a step, or units in the last place of a time: a start, a slow one
 SLOW = 1e-6  # of what moments accelerate a body by: a start where the moment just exceeds the limit
 IN_PLANE = 1e-11  # of the largest |W|: velocities along a line
-X, WEIGHTS = (leggauss(4)[0] + 1) / 2, leggauss(4)[1] / 2
+State = tuple[float, Array, Array, Any]  # time, directors as rows, W, internal states
+
+
+def march(scheme: Integrator, problem: IVP, threads: int = 1) -> Outcome:
+    """Integrate a stack of bodies under dry friction, or with wheels that have it, one after the other.
+
+    Raises
+    ------
+    ValueError
+        What `refusal` returns; as the integrator.
+    """
+    if (reason := refusal(scheme, problem)) is not None:
+        raise ValueError(reason)
+    kind = Tumbling if any(one.axis is None for one in problem.load.frictions) else Rubbed
+    return one_by_one(lambda one: kind(scheme, one).march(), problem, threads)
 
 
 class Rubbed(Contacts):
-    """A body under dry friction about axes, and in the bearings of its wheels.
+    """The march of a body under dry friction about axes, and in the bearings of its wheels.
 
     Attributes
     ----------
     axis : (1, 3) or (0, 3) array, the constrained one
+    most : steps that are marched before modes are looked at again
+    at_nodes : bool
+        Whether pieces have the states at all nodes.
     """
 
     has_twist = False  # of pieces: while a body sticks, it would be that about the axis of a contact
@@ -62,7 +87,107 @@ class Rubbed(Contacts):
     def __init__(self, scheme: Integrator, problem: IVP) -> None:
         super().__init__(scheme, problem)
         self.axis = np.empty((0, 3)) if self.body.axis is None else self.body.axis[None]
-        self._in_mode = dict[tuple[int, int], Wheel]()
+        self._in_mode = cache(lambda a, mode: replace(self.wheels[a], mode=mode))
+        self.nodes, self.at_nodes, self.most = problem.times(np.arange(problem.steps + 1)), False, STEPS
+        self.pieces = [Piece(np.array([self.t]), self.state.part(None), None)]
+        self.failure: Failure | None = None
+
+    def march(self) -> Outcome:
+        """March to the end, or to a failure."""
+        self.begin()
+        begin, end, last, count = self.problem.t_start, self.problem.t_end, self.t, 0
+        while self.t < end and self.failure is None:
+            self.advance()
+            count, last = (0, self.t) if self.t > last else (count + 1, last)
+            if count > MOST:
+                self.failure = Failure(Status.LOAD, self.number(), np.nan, np.nan, RESTLESS)
+            if self.problem.progress:
+                self.problem.progress((self.t - begin) / (end - begin))
+        return joined(self.pieces, self.problem, self.failure)
+
+    def advance(self) -> None:
+        """March while modes stay, to a node at most."""
+        stuck, (system, load, changes, told) = self.standing, self.phase()
+        one = replace(self.until(self.most, self.time_left()), systems=stacked(system), load=load)
+        piece, change = self.marched(one, changes)
+        if not self.holds(piece):
+            return
+        self.keep(told(piece))
+        if change is not None and change.contact in self.modes:
+            zero = stuck if change.sign else [*stuck, change.contact]
+            self.modes = {k: sign for k, sign in self.modes.items() if k not in (*zero, change.contact)}
+            self.settle(zero, {change.contact: change.sign} if change.sign else {})
+
+    def time_left(self) -> float:
+        """Return the time in which the first of the rates would vanish, at its derivative here."""
+        _, W, *_, z = self.state
+        rates = self.rates()
+        slopes = self.holding(self.free(self.t, directors(self.state.quaternion), W, z), self.modes)[1]
+        falls = [k for k, sign in self.modes.items() if sign and sign * slopes[k] < 0 < sign * rates[k]]
+        return float(min((-rates[falls] / slopes[falls]), default=np.inf))
+
+    def number(self, t: float | None = None) -> int:
+        """Return the number of the step at whose beginning, or in which, a time is, by default that of the march."""
+        return int(np.searchsorted(self.nodes, self.t if t is None else t, side="right")) - 1
+
+    def until(self, most: int = STEPS, left: float = np.inf) -> IVP:
+        """Return the problem from here to the next node, from a node over `most` steps; `left`: as `time_left`."""
+        k = self.number()
+        end, length = float(self.nodes[k + 1]), float(self.nodes[k + 1] - self.nodes[k])
+        if left < SOON * length:
+            end = min(end, self.t + max(2 * left, ULPS * float(np.spacing(abs(self.t)))))
+        elif self.t == self.nodes[k]:
+            one = onward(self.problem, k, min(k + most, self.problem.steps), self.state)
+            return replace(one, load=self.load)
+        return self.to(end)
+
+    def to(self, t: float) -> IVP:
+        """Return the problem of one step from here to a time."""
+        grid: dict[str, Any] = {"steps": 1, "stored": np.array([0, 1]), "stretches": None, "progress": None}
+        return replace(
+            self.problem, t_start=self.t, t_end=t, output_times=None, load=self.load, **grid, **started(self.state)
+        )
+
+    def at_node(self, t: float) -> float:
+        """Return a time, or that of the node that it nearly is."""
+        k = min(self.number(t) + 1, self.problem.steps)
+        node = float(self.nodes[k])
+        return node if node - t <= max(CLOSE * (node - self.nodes[k - 1]), ULPS * np.spacing(abs(node))) else t
+
+    def marched(self, one: IVP, changes: Sequence[Change]) -> tuple[Piece, Change | None]:
+        """March a smooth problem to its end or to the first change."""
+        known = self.problem.stored_times
+        inner = known[(known > one.t_start) & (known < one.t_end)]
+        ends = one.times(np.arange(one.steps + 1) if self.at_nodes else np.array([0, one.steps]))
+        output_times = np.union1d(inner, ends) if changes or inner.size or one.steps > 1 else None
+        one, ended_by = replace(one, output_times=output_times, intervals=True), None
+        if changes:
+            events = tuple(Event(_positive(each.value, one.t_start), "friction", 1, -1.0) for each in changes)
+            times, outcome, _, ended_by = march_to_events(self.scheme, one, events)
+        else:
+            times, outcome = one.stored_times, completion.march(self.scheme, one)
+        n, failure = int(outcome.good[0]), outcome.failure()
+        if failure is not None:
+            self.failure = failure._replace(step=failure.step + self.number())
+        states, means = outcome.states.part(0, slice(n)), outcome.intervals
+        cut: Any = () if means is None else (None if x is None else x[:, : max(n - 1, 0)] for x in means)
+        times = times[:n].copy()
+        if ended_by is not None and n:
+            times[-1] = self.at_node(float(times[-1]))
+        piece = Piece(times, states._replace(normal=None, directors=None), Intervals(*cut) if means else None)
+        return piece, None if ended_by is None else changes[ended_by]
+
+    def keep(self, piece: Piece) -> None:
+        """Add a part to the run; move to its end."""
+        if len(piece.times) > 1:
+            self.pieces.append(piece)
+        if len(piece.times):
+            self.t = float(piece.times[-1])
+            self.state = States(*(None if x is None else x[-1].copy() for x in piece.states))  # type: ignore[arg-type]
+
+    def holds(self, piece: Piece) -> bool:
+        """Whether a piece is what its phase has assumed."""
+        return True
 
     def sliding(self, W: Array) -> Array:
         """Return the moment of the friction of the body that slides, along the frame."""
@@ -71,14 +196,14 @@ class Rubbed(Contacts):
 
     # ---- from mode to mode
 
-    def phase(self, stuck: list[int]) -> Phase | None:
-        """Return the smooth problem in which these contacts stick and all others slide; None where it fails."""
+    def phase(self) -> tuple[DirectorSystem, Load, list[Change], Callable[[Piece], Piece]]:
+        """Return the smooth problem in the modes that there are: body, load, and what ends it; its pieces as ours."""
         (p, W, *_, z), body = self.state, self.body
-        own = [k for k in stuck if k < self.bearings]
+        own = [k for k in self.standing if k < self.bearings]
         if own and not W.any() and self.stillness(self.t, directors(p), z) >= 0:
             changes = self.ends_of_rest() if self._varies() else []
             still = DirectorSystem(body.euler_inertia, body.axis, physical=False)
-            return Phase(still, self.resting(), changes, self._rested)
+            return still, self.resting(), changes, self._rested
         held, told = body, self._slid if self.frictions else self._stood
         if own:
             rows = np.concatenate([self.G[own], self.axis])
@@ -89,7 +214,7 @@ class Rubbed(Contacts):
                 self.at_nodes = True
             else:
                 held, told = DirectorSystem(body.euler_inertia, self.G[own[0]], **kind), self._held
-        return Phase(held, self.under(self.sliding(W)), self.changes(list(self.modes)), told)
+        return held, self.under(self.sliding(W)), self.changes(list(self.modes)), told
 
     def in_modes(self) -> Load:
         """Return the load with wheels that slip or stand as the modes say."""
@@ -97,11 +222,7 @@ class Rubbed(Contacts):
         numbers = iter(range(len(self.wheels)))
 
         def term_of(wheel: Wheel) -> Wheel:
-            if (a := next(numbers)) not in modes:
-                return wheel
-            if (key := (a, modes[a])) not in self._in_mode:
-                self._in_mode[key] = replace(self.wheels[a], mode=modes[a])
-            return self._in_mode[key]
+            return self._in_mode(a, modes[a]) if (a := next(numbers)) in modes else wheel
 
         return Load(tuple(term_of(one) if isinstance(one, Wheel) else one for one in self.load.terms))
 
@@ -161,7 +282,7 @@ class Rubbed(Contacts):
         moment is not summed, -μ along the axis in the middle of the interval.
         """
         times, (p, W, *_), own = piece
-        if own is None or len(self.axis):
+        if own is None:
             return self._slid(piece)
         length = np.diff(times)[:, None]
         if own.dead_moment is not None:
@@ -182,43 +303,66 @@ class Rubbed(Contacts):
         from scipy.interpolate import CubicHermiteSpline
         from scipy.spatial.transform import Rotation
 
-        times, (p, W, *_, z), own = self._stood(piece)
+        times, (p, W, *_, z), own = piece = self._stood(piece)
         W[:] = (W @ d)[:, None] * d
         if own is None or len(times) < 2:
             return piece
-        R, potentials, x = attitudes(p), self.load.potentials, np.zeros((len(times), 0)) if z is None else z
+        R, x = attitudes(p), np.zeros((len(times), 0)) if z is None else z
         turns = (Rotation.from_matrix(R[:-1]).inv() * Rotation.from_matrix(R[1:])).as_rotvec() @ d
         rates = [self._memory_rate(t, R[k].T, W[k], x[k]) for k, t in enumerate(times.tolist())]
         values = np.column_stack([np.append(0.0, np.cumsum(turns)), x])
         between = CubicHermiteSpline(times, values, np.column_stack([W @ d, rates]))
-        slope, length = between.derivative(), np.diff(times)
+        slope = between.derivative()
+
+        def at(k: int, part: float) -> State:
+            t = times[k] + part * (times[k + 1] - times[k])
+            angle, *inner = between(t)
+            q = (R[k] @ Rotation.from_rotvec((angle - values[k, 0]) * d).as_matrix()).T
+            return t, q, slope(t)[0] * d, np.array(inner) if inner else None
+
+        means = self._balanced(piece, at, X, WEIGHTS)
+        taken, twist = -(turns * (d @ self.sliding(d)))[None], np.zeros((1, len(turns)))
+        return piece._replace(means=means._replace(dissipated_energy=taken, twist=twist if len(self.axis) else None))
+
+    def _rested(self, piece: Piece) -> Piece:
+        """Return a piece in which a body without load rests as that of this one: friction carries all but μ."""
+        times, z, p, count = piece.times, piece.states.internal, self.state.quaternion, len(piece.times)
+        q, middles = directors(p), (times[1:] + times[:-1]) / 2
+
+        def at(k: int, part: float) -> State:
+            return float(middles[k]), q, np.zeros(3), None if z is None else (z[k + 1] + z[k]) / 2
+
+        piece = piece._replace(states=States(np.tile(p, (count, 1)), np.zeros((count, 3)), internal=z))
+        return self._slid(piece._replace(means=self._balanced(piece, at, [0.5], [1.0])))
+
+    def _balanced(self, piece: Piece, at: Callable[[int, float], State], x: Any, weights: Any) -> Intervals:
+        """Return the means of a piece by quadrature: potentials, μ, and the moment, which is what turns the momentum.
+
+        `at` gives the state at a fraction of an interval, `x` and `weights` are those of the quadrature.
+        """
+        times, (p, W, *_), own = piece
+        assert own is not None
+        length = np.diff(times)
         (potential, held), mu = np.zeros((2, len(length), 3)), np.zeros(len(length))
-        for k, h in enumerate(length):
-            for part, weight in zip(X, WEIGHTS, strict=True):
-                t = times[k] + part * h
-                angle, *inner = between(t)
-                V, y = slope(t)[0] * d, np.array(inner) if inner else None
-                q = (R[k] @ Rotation.from_rotvec((angle - values[k, 0]) * d).as_matrix()).T
+        for k in range(len(length)):
+            for part, weight in zip(x, weights, strict=True):
+                t, q, V, z = at(k, part)
                 potential[k] += weight * sum(
-                    (term.scale * term.moment_at(t, q, V @ q) for term in potentials),
+                    (term.scale * term.moment_at(t, q, V @ q) for term in self.load.potentials),
                     cross(q, self.body.dead_force).sum(axis=0),
                 )
                 for n in self.axis:
-                    along = n - self.Q @ self.J @ n
-                    K, lam = self.forces(t, q, V, y)[0], self.holding(self.free(t, q, V, y), self.modes)[0]
-                    mu[k] += weight * (f := (K - lam @ self.G) @ along)
+                    K, lam = self.forces(t, q, V, z)[0], self.holding(self.free(t, q, V, z), self.modes)[0]
+                    mu[k] += weight * (f := (K - lam @ self.G) @ (n - self.Q @ self.J @ n))
                     held[k] += weight * f * (n @ q)
-        momentum = np.einsum("nij,nj->ni", R, W @ self.body.convected_inertia)
-        moment = np.diff(momentum, axis=0) / length[:, None] - potential + held
-        is_linear = all(term.dead_force is not None for term in potentials)
-        means = own._replace(
+        momentum = np.einsum("nij,nj->ni", attitudes(p), W @ self.body.convected_inertia)
+        moment, is_known = np.diff(momentum, axis=0) / length[:, None] - potential + held, not len(self.axis)
+        is_known |= all(term.dead_force is not None for term in self.load.potentials)
+        return own._replace(
             multipliers=mu[None, :, None][..., : len(self.axis)],
             moment=moment[None],
-            dead_moment=potential[None] if is_linear and len(self.axis) else None,
-            twist=np.zeros((1, len(length))),
-            dissipated_energy=-(turns * (d @ self.sliding(d)))[None],
+            dead_moment=len(self.axis) * potential[None] if is_known else None,
         )
-        return piece._replace(means=means if len(self.axis) else means._replace(twist=None))
 
     def _memory_rate(self, t: float, q: Array, W: Array, z: Array) -> Array:
         """Return z' while modes stay."""
@@ -227,30 +371,6 @@ class Rubbed(Contacts):
         rate = self.forces(t, q, W, z)[1]
         rate[self.places[self.dry]] -= self.holding(self.free(t, q, W, z), self.modes)[0][self.bearings :]
         return rate
-
-    def _rested(self, piece: Piece) -> Piece:
-        """Return a piece in which a body without load rests as that of this one: friction carries all but μ."""
-        times, own, q, W = piece.times, piece.means, directors(self.state.quaternion), np.zeros(3)
-        assert own is not None
-        middles, potentials, n = (times[1:] + times[:-1]) / 2, self.load.potentials, self.axis
-        dead = cross(q, self.body.dead_force).sum(axis=0)
-        given = [sum((term.scale * term.moment_at(t, q, W) for term in potentials), dead) for t in middles.tolist()]
-        potential, z = np.array(given).reshape(1, -1, 3), piece.states.internal
-        means = own._replace(moment=-potential, dead_moment=np.zeros(potential.shape))
-        if len(n):
-            inner = [None] * len(middles) if z is None else (z[1:] + z[:-1]) / 2
-            K = np.array([self.forces(t, q, W, y)[0] for t, y in zip(middles.tolist(), inner, strict=True)])
-            lam = [self.holding(self.free(t, q, W, y), self.modes)[0] for t, y in zip(middles, inner, strict=True)]
-            mu = (K.reshape(-1, 3) - np.array(lam) @ self.G) @ (n[0] - self.Q @ self.J @ n[0])
-            is_linear = all(term.dead_force is not None for term in potentials)
-            means = means._replace(
-                multipliers=mu[None, :, None],
-                moment=means.moment + mu[:, None] * (n[0] @ q),
-                dead_moment=potential if is_linear else None,
-            )
-        p, count = self.state.quaternion, len(times)
-        states = States(np.tile(p, (count, 1)), np.zeros((count, 3)), internal=z)
-        return self._slid(Piece(times, states, means))
 
     def _dissipated(self, piece: Piece) -> Array:
         """Return the energy that friction of the body takes in each interval of a piece: its moment is constant."""
@@ -268,9 +388,9 @@ class Tumbling(Rubbed):
 
     def __init__(self, scheme: Integrator, problem: IVP) -> None:
         super().__init__(scheme, problem)
-        self.is_plane = True
-        self.is_alone = all(term in self.load.potentials for term in self.load.terms)
-        self.at_nodes = not self.is_alone
+        self.is_plane, self.is_alone = True, all(term in self.load.potentials for term in self.load.terms)
+        if (W := self.state.velocity).any():
+            self.turn([W / np.linalg.norm(W)])
 
     def slope(self, t: float, q: Array, W: Array, z: Any) -> Array:
         """Return W' while the body slides."""
@@ -301,15 +421,6 @@ class Tumbling(Rubbed):
         h = np.diff(times)
         return (h / 2 * (power[1:] + power[:-1]) + h**2 / 12 * (rate[:-1] - rate[1:]))[None]
 
-    def begin(self) -> None:
-        """Choose the first mode."""
-        W = self.state.velocity
-        if W.any():
-            self.modes = {0: 1}
-            self.turn([W / np.linalg.norm(W)])
-        else:
-            self.settle([0], {})
-
     def settle(self, zero: Sequence[int], forced: Modes) -> None:
         """Choose the mode where W is zero; it is to slide if it is `forced`."""
         self.state.velocity[:] = 0.0
@@ -336,12 +447,19 @@ class Tumbling(Rubbed):
 
     def advance(self) -> None:
         """March while modes stay, to a node at most."""
-        if not self.modes[0]:
-            super().advance()
-            return
-        self.is_plane = self.is_plane and self._slide_in_plane()
-        if not self.is_plane:
+        is_in_plane = self.is_plane and bool(self.modes[0])
+        self.at_nodes, self.most = is_in_plane or not self.is_alone, PLANE if is_in_plane else STEPS
+        if self.modes[0] and not self.is_plane:
             self._slide_around()
+        else:
+            super().advance()
+
+    def holds(self, piece: Piece) -> bool:
+        """Whether W keeps to a line where it slides: friction has a constant direction in the body."""
+        W = piece.states.velocity
+        if self.modes[0] and (self.failure is not None or abs(np.cross(W, self.G[0])).max() > IN_PLANE * abs(W).max()):
+            self.failure, self.is_plane = None, False
+        return self.is_plane
 
     def _across(self, K: Array) -> Array:
         """Return a moment across the constrained axis."""
@@ -370,19 +488,6 @@ class Tumbling(Rubbed):
         most = float(np.linalg.norm(m) / np.linalg.eigvalsh(J)[0])
         alpha = float(brentq(lambda x: float(np.linalg.norm(direction_of(x))) - 1.0, 0.0, most, xtol=EPS * most))
         return alpha * direction_of(alpha) @ basis
-
-    def _slide_in_plane(self) -> bool:
-        """March under a moment of constant direction in the body; return whether W kept to it: else nothing is kept."""
-        one = replace(self.until(PLANE, self.time_left()), load=self.under(self.sliding(self.state.velocity)))
-        piece, root = self.marched(one, self.changes([0]), at_nodes=True)
-        W = piece.states.velocity
-        if self.failure is not None or abs(np.cross(W, self.G[0])).max() > IN_PLANE * abs(W).max():
-            self.failure = None
-            return False
-        self.keep(self._slid(piece))
-        if root is not None:
-            self.settle([0], {})
-        return True
 
     def _slide_around(self) -> None:
         """March while W may turn, or, where it may vanish within four steps, a part of that time."""
@@ -422,6 +527,11 @@ class Tumbling(Rubbed):
         self.state.velocity[:] = (to - begin) / 2 * (a + b)
         if not self.state.velocity.any():
             self.settle([0], {})
+
+
+def _positive(value: Callable[[float, Any], float], start: float) -> Callable[[float, Any], float]:
+    """Return a function that is positive where a mode begins: it may vanish there."""
+    return lambda t, state: value(t, state) if t > start else max(value(t, state), TINY)
 
 
 @lru_cache(maxsize=64)

@@ -90,19 +90,15 @@ class Steps(NamedTuple):
     out: Doubles
     workspace: int
     failed: int  # how many steps could not be solved again
-    # What parameters do to the inputs.
-    padded: int  # parameters, rounded up to a multiple of `LANES`
-    fixed: int  # entries of all steps
-    columns: Wholes  # back: of the fixed entries, and their parameters, values
+    # What parameters do to the inputs: entries of all steps, then those of each step.
+    begins: Wholes  # (steps + 1,) where those of each step begin
+    columns: Wholes  # of the entries, and their parameters, values
     parameters: Wholes
     values: Doubles
-    inputs: int  # forward: how many columns have fixed entries, which, and these as rows (inputs, padded)
+    padded: int  # parameters, rounded up to a multiple of `LANES`
+    inputs: int  # forward: how many columns have entries of all steps, which, and these as rows (inputs, padded)
     used: Wholes
     changes: Doubles  # taken at once (width, padded)
-    begins: Wholes  # (steps + 1,) where the entries of each step begin; 0: there are none
-    own_columns: Wholes
-    own_parameters: Wholes
-    own_values: Doubles
     # What goes through the steps.
     state: Doubles  # X (rows, padded), taken at once with the inputs (width, padded); or λ (rows,)
     is_stored: Wholes  # (steps,) 1: the state at the end of the step is stored

@@ -96,12 +96,10 @@ def chain_forward(rows: int) -> Kernel:
 
         for n, M in each_step(b):
             multiply(c, M, rows, c.padded, add)
-            for _ in when(c.begins.address != 0):
-                for e in loop(c.begins[n], c.begins[n + 1]):
-                    column = M.shifted(c.own_columns[e] * LANES)
-                    to, value = x.shifted(c.own_parameters[e]), c.own_values[e]
-                    for i in range(rows):
-                        to[i * c.padded] = fma(value, column[i * c.width * LANES], to[i * c.padded])
+            for e in loop(c.begins[n], c.begins[n + 1]):
+                column, to, value = M.shifted(c.columns[e] * LANES), x.shifted(c.parameters[e]), c.values[e]
+                for i in range(rows):
+                    to[i * c.padded] = fma(value, column[i * c.width * LANES], to[i * c.padded])
             for _ in when(c.is_stored[n] != 0):
                 for k in loop(0, 6 * c.padded, lanes):
                     store(c.states, v.done * 6 * c.padded + k, load(x, k))
@@ -128,13 +126,10 @@ def chain_back(address: Any) -> None:
             for i in loop(c.rows):
                 s.s = fma(entries[i * c.width * LANES], x[i], s.s)
             y[j] = s.s
-        for e in loop(c.fixed):
-            p = c.parameters[e]
-            found[p] = fma(c.values[e], y[c.columns[e]], found[p])
-        for _ in when(c.begins.address != 0):
-            for e in loop(c.begins[n], c.begins[n + 1]):
-                p = c.own_parameters[e]
-                found[p] = fma(c.own_values[e], y[c.own_columns[e]], found[p])
+        for first, last in ((0, c.begins[0]), (c.begins[n], c.begins[n + 1])):
+            for e in loop(first, last):
+                p = c.parameters[e]
+                found[p] = fma(c.values[e], y[c.columns[e]], found[p])
         for i in loop(c.rows):
             x[i] = y[i]
 
@@ -347,8 +342,7 @@ def forward_run(text: Text, parts: Parts, wanted: Wanted, inputs: tuple[int, ...
 
 def add_own(b: View, i: Any, adds: bool) -> None:
     """Set the changes that the step i has beside those of all steps to the given ones, and add its own, or not."""
-    for _ in when(b.begins.address != 0):
-        for is_added in (False, True)[: 1 + adds]:
-            for e in loop(b.begins[i], b.begins[i + 1]):
-                place = b.own_columns[e] * b.padded + b.own_parameters[e]
-                b.state[place] = b.state[place] + b.own_values[e] if is_added else b.changes[place]
+    for is_added in (False, True)[: 1 + adds]:
+        for e in loop(b.begins[i], b.begins[i + 1]):
+            place = b.columns[e] * b.padded + b.parameters[e]
+            b.state[place] = b.state[place] + b.values[e] if is_added else b.changes[place]

@@ -288,20 +288,20 @@ CALL = offsets_of(Call)
 IN_BLOCK = Call._fields[: Call._fields.index("output_row")]
 
 
-def begin_call(b: View, number: Any) -> View:
-    """Return a call of the list, with the block made ready for it."""
+def begin_call(b: View, number: Any, first: Any, last: Any) -> View:
+    """Return a call of the list, with the block made ready for it, and for the members `first` to `last` of its order.
+
+    Where a stretch begins nothing is known of the step before: what first guesses are made of is cleared.
+    """
     row = View(Call, b.rows.shifted(size_of(Call) * number))
     for name in IN_BLOCK:
         setattr(b, name, getattr(row, name))
+    for _ in when(row.begins != 0):
+        for l in loop(first, last):
+            state = b.states.shifted(b.order[l] * b.state_size)
+            for k in loop(b.guesses, b.state_size - 2 * b.internal):
+                state[k] = 0.0
     return row
-
-
-def forget(b: View, first: Any, last: Any) -> None:
-    """Clear what first guesses of members are made of: where a stretch begins nothing is known of the step before."""
-    for l in loop(first, last):
-        state = b.states.shifted(b.order[l] * b.state_size)
-        for k in loop(b.guesses, b.state_size - 2 * b.internal):
-            state[k] = 0.0
 
 
 @kernel("i8")
@@ -309,9 +309,7 @@ def carry_out(address: Any) -> None:
     """Carry out the list of calls of a block for the members `begin` to `end` of its order."""
     b = View(Block, doubles(address))
     for number in loop(b.calls):
-        row = begin_call(b, number)
-        for _ in when(row.begins != 0):
-            forget(b, b.begin, b.end)
+        begin_call(b, number, b.begin, b.end)
         call(b.kernel, address)
 
 
@@ -335,10 +333,8 @@ def for_some(parts: Parts, b: View, march: Callable[[Any], None]) -> None:
     x = View(Work, doubles(b.workspace), parts.lanes)
     first, last, size, v = b.begin, b.end, b.state_size, Variables(are_alive=True)
     for number in loop(b.calls, whilst=lambda: v.are_alive):
-        row, rate = begin_call(b, number), b.rates[number]
+        row, rate = begin_call(b, number, first, last), b.rates[number]
         is_output = row.output_row != 0
-        for _ in when(row.begins != 0):
-            forget(b, first, last)
         for l in loop(last - first):
             copy(b.states.shifted(b.order[first + l] * size), b.scratch.shifted(l * size), size)
         march(is_output)

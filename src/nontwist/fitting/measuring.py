@@ -338,7 +338,7 @@ def _reading(one: Any, name: str, reading: dict[str, Any], use: str, attitudes: 
     if isinstance(one, tuple):
         turned = [part for part in one if hasattr(part, "as_quat")]
         rest = tuple(part for part in one if not hasattr(part, "as_quat"))
-        motion = Motion(turned[0], as_floats(rest[0], "times")) if turned and rest else None
+        motion = Motion(turned[0].as_quat(), as_floats(rest[0], "times")) if turned and rest else None
         if len(rest) == 1 or use == "only":
             use, notes = "only", ("attitudes: as given",)
     elif hasattr(one, "dims") and not hasattr(one, "data_vars"):
@@ -375,8 +375,6 @@ def _reading(one: Any, name: str, reading: dict[str, Any], use: str, attitudes: 
 def _quaternions(motion: Motion) -> Array:
     """Return attitudes as quaternions, (n, 4), nan where there is none; a ValueError where a row is no rotation."""
     values = motion.values
-    if hasattr(values, "as_quat"):
-        return np.asarray(values.as_quat())
     found, rows = np.full((len(values), 4), np.nan), finite_rows(values.reshape(len(values), -1))
     found[rows] = measured_quaternions(motion, rows)
     return found

@@ -50,7 +50,7 @@ from ..kernels.vectors import AXES, Matrix, Quaternion, Vector, attitude, cross,
 from .gauss import about
 from .gauss_coefficients import TABLE, WIDTH
 from .gauss_newton import vectors_of_space
-from .gauss_stages import OVERFLOW, VECTOR, VECTORS, ZEROS, Equations, Stage, Stages, iterated
+from .gauss_stages import OVERFLOW, VECTOR, VECTORS, ZEROS, Equations, Stage, StageLoads, Stages, iterated
 from .gauss_turns import Line, Steady, Turn
 
 CORRECTIONS, CLOSE, SAME, ONES = 20, 1e-9, 1e-6, Vector(1.0, 1.0, 1.0)
@@ -140,10 +140,9 @@ class Collocation:
         motion = "moved" if self.motion == "steady" else self.motion
         return StageEquations(motion, known, self.stages, ZEROS)
 
-    def vectors(self, stage: View) -> Matrix | tuple[()]:
+    def vectors(self, stage: View) -> Matrix:
         """Return the vectors g of a stage."""
-        g = [getattr(stage, name) for name in self.names]
-        return Matrix(*g) if g else ()
+        return Matrix(*(getattr(stage, name) for name in self.names))
 
     def still_rows(self, i: Any) -> Matrix:
         """Return the axes of b at the beginning as seen at a stage, also where those that turn are in an orbit."""
@@ -244,7 +243,7 @@ class Collocation:
             if self.parts.calls:
                 W = stage.V + e.orbital(self.vectors(stage)) if self.parts.orbit else stage.V
                 e.nodes.evaluate(i, W, self.vectors(stage), True)
-            F = h * e.rate(i, V, Matrix(*g) if g else (), self.C[i, 0])
+            F = h * e.rate(i, V, Matrix(*g), self.C[i, 0])
             by = [Matrix(*(Vector(*(tangent(x, 3 * k + c) for c in range(3))) for x in F)) for k in range(1 + count)]
             for k in range(count):
                 self.by_rows[i, k] = by[1 + k]
@@ -288,20 +287,14 @@ class Collocation:
 
     def differentiate(self, place: Any) -> None:
         """Write the columns of the matrices."""
-        inputs = tuple(name for name in self.wanted if name != "dead")
-        has_dead = "dead" in self.wanted
-        if not self.names and (has_dead or self.motion == "moved"):
+        is_apart = self.motion == "free" and "dead" in self.wanted  # the direction of P is not kept under forces
+        if not self.names and ("dead" in self.wanted or self.motion == "moved"):
             self.set_rows(False)
         self.set_ends()
-        if self.motion in ("free", "heavy"):
-            turn: Turn = Line(self)
-        else:
-            turn = Steady(self) if self.motion == "steady" else Turn(self)
+        turn = {"free": Line, "heavy": Line, "steady": Steady}.get(self.motion, Turn)(self)
         self.set_turn(turn)
-        if has_dead and self.motion != "free":
-            inputs = tuple(self.wanted)
-        self.emit(place, inputs, turn, True)
-        if has_dead and self.motion == "free":  # its direction is not kept under forces
+        self.emit(place, tuple(name for name in self.wanted if not (is_apart and name == "dead")), turn, True)
+        if is_apart:
             self.turn = self.turn_of_rows()
             self.set_turn(turn := Turn(self))
             self.emit(place, ("dead",), turn, False)
@@ -380,9 +373,9 @@ class Collocation:
     def changed(self, i: Any, stage: View, e: StageEquations) -> Any:
         """Return the vectors g of a stage with the changes that no change of V makes."""
         h, later = e.nodes.h, self.vectors(stage)
-        g = [x @ self.C[i, 0] for x in e.start] if self.motion == "heavy" else list(later)
+        g = Matrix(*(x @ self.C[i, 0] for x in e.start)) if self.motion == "heavy" else later
         if not g or not isinstance(h, Dual):
-            return Matrix(*g) if g else ()
+            return g
         v = Variables(g=0.0 * self.h * later)
         for j, one in self.stages.each():
             v.g = v.g + Matrix(*(self.U[i, j] @ cross(x, one.V) for x in self.vectors(one)))
@@ -450,17 +443,14 @@ class StageEquations(Equations):
 
     nodes: KnownStages
 
-    def evaluated(self, i: Any, stage: View, matrix: Any = TABLE.mu) -> tuple[Vector, Any, Any]:
-        """Return P, the vectors g, and what the equations say at stages."""
-        (P, g), nodes, parts = self.placed(i, matrix), self.nodes, self.parts
-        loads = self.stored_loads(stage)
-        if parts.calls:
-            nodes.evaluate(i, self.k * P, g, False)
-            at = nodes.known(i)
-            load = nodes.factor * (at.load @ nodes.R) if parts.function else None
-            of_potentials = nodes.factor * (at.of_potentials @ nodes.basis) if parts.generalised else None
-            loads = loads._replace(of_functions=load, of_potentials=of_potentials)
-        return P, g, self.now(loads, P, g)
+    def evaluate_functions(self, j: Any, rows: Matrix, W: Vector) -> StageLoads:
+        """Return what functions of the state give at a stage."""
+        nodes, parts = self.nodes, self.parts
+        nodes.evaluate(j, W, rows, False)
+        at = nodes.known(j)
+        of_potentials = nodes.factor * (at.of_potentials @ nodes.basis) if parts.generalised else None
+        load = nodes.factor * (at.load @ nodes.R) if parts.function else ZEROS
+        return StageLoads(of_functions=load, of_potentials=of_potentials)
 
     def orbital(self, g: Any) -> Vector:
         """Return the velocity of the orbit, n o, as seen from the body; 0 where there is none."""

@@ -32,7 +32,7 @@ from ..kernels.control import Variables, loop, when, whilst
 from ..kernels.dual import Dual, plain, tangent
 from ..kernels.elements import fma, larger, logical_not, real, select
 from ..kernels.kernel import part, rare
-from ..kernels.memory import View, scratch, size_of
+from ..kernels.memory import View, put, scratch, size_of
 from ..kernels.vectors import AXES, Matrix, Vector, cross, taxicab
 from .gauss_coefficients import TABLE, WIDTH
 from .gauss_memory import Memory
@@ -137,7 +137,7 @@ class Residuals:
         memory = self.turns.memory.shifted(side * (2 * side + 3))
         self.momenta, self.slopes = (Blocks(memory.shifted(k * square), m, m + 1) for k in range(2))
         self.stiffness = memory.shifted(2 * square)
-        self.found = self.stiffness.shifted(s)
+        self.found = Blocks(self.stiffness.shifted(s), 7 + self.k, 9 + self.k)
         if self.n > 3 + self.k:
             for q in loop(square):
                 self.slopes.memory[q] = 0.0
@@ -193,23 +193,27 @@ class Residuals:
 
     def set_memory_slopes(self, i: Any, stage: View, b: Any) -> None:
         """Set the slopes by z, and those of z, at a stage."""
-        e, n, width, found, C = self.equations, self.n, 9 + self.k, self.found, axes_at(stage)
+        e, n, found, C = self.equations, self.n, self.found.row(0), axes_at(stage)
         memory, h, speed = e.memory, b / e.nodes.rate, self.change(stage.W)
         for c in loop(self.k):
-            f, after = b / memory.change(stage, c), found.shifted((7 + c) * width)
-            space, along = (Vector(*(f * (after[j + d] - found[j + d]) for d in range(3))) for j in (0, 6))
+            f = b / memory.change(stage, c)
+            space, along = (Vector(*(f * self.difference(7 + c, j + d) for d in range(3))) for j in (0, 6))
             slope = along + pulled_back(C, space)
             third = e.nodes.body.free * slope[2] if e.parts.is_constrained else slope[2]
             for d, x in enumerate((slope[0], slope[1], third)):
                 self.slopes.row(n * i + d)[n * i + 3 + c] = x
         for c in loop(self.k):
-            more = [found[q * width + 9 + c] - found[9 + c] for q in range(1, 7)]
+            more = [self.difference(q, 9 + c) for q in range(1, 7)]
             H = Vector(*((h / DIFFERENCE) * x for x in more[3:]))
             B = Vector(*((h / speed * k) * x for k, x in zip(e.k, more[:3], strict=True)))
             row = self.row(i, 3 + c, H, B)
             for y in loop(self.k):
-                row[n * i + 3 + y] = (h / memory.change(stage, y)) * (found[(7 + y) * width + 9 + c] - found[9 + c])
+                row[n * i + 3 + y] = (h / memory.change(stage, y)) * self.difference(7 + y, 9 + c)
             row[self.m] = h * found[9 + c] - memory.increment(stage, c)
+
+    def difference(self, q: Any, j: Any) -> Any:
+        """Return what the change number q makes of the number j that functions give."""
+        return self.found.row(q)[j] - self.found.row(0)[j]
 
     def change(self, W: Vector) -> Any:
         """Return the difference of velocities."""
@@ -218,7 +222,7 @@ class Residuals:
 
     def differentiate_functions(self, v: Variables, i: Any, stage: View, C: Matrix) -> dict[str, Vector]:
         """Return what functions give, with their derivatives as differences; one call stands in the code."""
-        e, W, found, width, k = self.equations, stage.W, self.found, 9 + self.k, self.k
+        e, W, k = self.equations, stage.W, self.k
         v.is_fine = v.is_fine & (taxicab(W) + (taxicab(C[0]) + taxicab(C[1]) + taxicab(C[2])) <= OVERFLOW)
         change = self.change(W)
         for q in loop(7 + k, whilst=lambda: v.is_fine):  # there, at three more velocities, after three turns, at more z
@@ -227,16 +231,15 @@ class Residuals:
             rows = Matrix(*(c + cross(c, a) for c in C))
             with e.memory.changed(stage, q - 7) if e.memory else nullcontext():
                 results = [x or ZEROS for x in e.evaluate_functions(i, rows, w)[3:]]
-            for j, x in enumerate(y for vector in results for y in vector):
-                found[width * q + j] = x
+            put(found := self.found.row(q), tuple(results))
             for c in loop(k) if k else ():
-                found[width * q + 9 + c] = e.memory.rate(stage, c)
+                found[9 + c] = e.memory.rate(stage, c)
             v.is_fine = v.is_fine & ((q > 0) | (sum(map(taxicab, results), 0.0) <= OVERFLOW))
 
         def dual(j: int, by_velocity: bool) -> Dual:
-            d = [found[width * q + j] - found[j] for q in range(1, 7)]
+            d = [self.difference(q, j) for q in range(1, 7)]
             by_momentum = [(k / change) * x if by_velocity else 0.0 for k, x in zip(e.k, d[:3], strict=True)]
-            return Dual(found[j], by_momentum + [x * (1.0 / DIFFERENCE) for x in d[3:]])
+            return Dual(self.found.row(0)[j], by_momentum + [x * (1.0 / DIFFERENCE) for x in d[3:]])
 
         loads, are_there = dict[str, Vector](), (True, e.parts.generalised, e.memory)
         for k, (name, is_there) in enumerate(zip(StageLoads._fields[3:], are_there, strict=True)):

@@ -255,7 +255,7 @@ class Equations:
         """Return P and the vectors g at stages."""
         bases = zip(self.names, (self.P, *self.start), strict=True)
         P, *g = (self.stages.collocated(name, base, i, matrix) for name, base in bases)
-        return P, Matrix(*g) if g else ()
+        return P, Matrix(*g)
 
     def now(self, loads: StageLoads, P: Vector, g: Any, inverse: Any = pulled_back) -> Now:
         """Return what the equations say at P and g; on dual numbers as well. `inverse` gives C⁻¹ f."""

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from ..engine.generalised import generalised
 from ..engine.marching import Text, march
 from ..engine.records import BLOCK, Block, Parts, pack
-from ..engine.workspace import CALL, IN_BLOCK, begin_call, for_some, forget
+from ..engine.workspace import CALL, IN_BLOCK, begin_call, for_some
 from ..errors import InputError
 from ..kernels import gpu
 from ..kernels.control import loop, when
@@ -162,9 +162,7 @@ def member(
             for_some(parts, b, marched)
             return
         for k in loop(b.calls):
-            row = begin_call(b, k)
-            for _ in when(row.begins != 0):
-                forget(b, i, i + 1)
+            begin_call(b, k, i, i + 1)
             onwards(b.address)
 
     return run

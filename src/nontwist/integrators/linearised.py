@@ -13,7 +13,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..engine.bodies import body_rows
 from ..engine.functions import DifferentiableFunctions
 from ..engine.generalised import OF_TABLE, OF_TERMS, STATE, TERM, sloped
 from ..engine.known_steps import INPUTS, LANES, STEPS, KnownStep, column_offsets, offsets_of_directions
@@ -131,54 +130,44 @@ class Linearised:
         problem = as_gyrostat(problem) if problem.load.wheels else problem
         self.problem = problem
         systems, self.load = as_marched(problem, scheme.is_director_scheme)
-        order, scale = scheme.order, float(problem.load_scale[0])
-        bodies = body_rows(systems, self.load, 1.0, problem.load_scale)
         self.axis = np.zeros(3) if systems.axis is None else systems.axis[0]
-        self.forward_run: Any = None  # of the places of inputs: the kernel that takes steps and linearises at once
-        wanted, self._factor = set(wanted), np.array([scale])
-        self._fixed = bodies[0]
-        if scheme.dissipation:
-            self._fixed[BODY.dissipation + order - 1] = scheme.dissipation
+        wanted = set(wanted)
         sizes = tuple((name, size or len(changes)) for name, size in INPUTS.items() if name in wanted)
         about = orbit_of(systems, self.load, 1.0, scheme)
         called = [term for term in self.load.terms if is_called(term)]
         has_potential = [isinstance(term, Potential) for term in called]
         is_parted = scheme.linear is not None
         known = {"function": not all(has_potential) if is_parted else bool(called)}
-        known["generalised"] = is_parted and any(has_potential)
-        (found,), _ = march_parts(systems, self.load, self._fixed[None], scheme, orbit=about is not None, **known)
+        known |= {"generalised": is_parted and any(has_potential), "orbit": about is not None}
+        (body,), (found,), _ = march_parts(systems, self.load, 1.0, problem.load_scale, scheme, **known)
         _, self.middles = scheme.stages(found)
         s, more = len(self.middles), wanted & {"moving", "space", "damping", "dead", "spin"}
         more_parts: dict[str, Any] = dict.fromkeys(more, True)
         parts = found._replace(lanes=machine_code.lanes(), forces=False, **more_parts)
-        self._orbit = about
         self.see_attitude = parts.space or parts.dead or parts.calls or parts.orbit
-        self.rows, self.input_maps = tangent_size(parts), input_maps_of(self._fixed)
+        self.rows, self.input_maps = tangent_size(parts), input_maps_of(body)
         self.frame = self.input_maps["axis"].T if np.any(self.input_maps["axis"] != np.eye(3)) else None
         self.offsets = column_offsets(self.rows, sizes, s)
-        self.width = self.offsets[""]
-        table, seeds = scheme.needs.table, seeds_of(dict(sizes), called, changes) if called else np.zeros((0, 0))
-        if scheme.linear is None:
-            self.make: Any = linearised(scheme.text(parts.motion), parts, sizes)
+        self.width, text = self.offsets[""], scheme.text(parts.motion)
+        seeds = seeds_of(dict(sizes), called, changes) if called else np.zeros((0, 0))
+        self.forward_run: Any = None  # of the places of inputs: the kernel that takes steps and linearises at once
+        if is_parted:
+            make = scheme.linear(parts, sizes)
+            self._scratch = LANES * scratch_size(s, self.width, 6 * seeds.shape[1])
+        else:
+            make = linearised(text, parts, sizes)
             self._scratch = LANES * (size_of(KnownStep) + 3 * seeds.shape[1])
             if not called:
-                self.forward_run = partial(forward_run, scheme.text(parts.motion), parts._replace(lanes=1), sizes)
-        else:
-            self.make = scheme.linear(parts, sizes)
-            self._scratch = LANES * scratch_size(s, self.width, 6 * seeds.shape[1])
-        block = self._block = np.zeros(STEPS.size, dtype=np.int64)
-        self._table = table
-        pack(block, STEPS, rows=self.rows, width=self.width, make=self.make.address)
-        pack(block, STEPS, body=self._fixed, factor=self._factor, table=table, orbit=about)
+                self.forward_run = partial(forward_run, text, parts._replace(lanes=1), sizes)
+        self._given: dict[str, Any] = {"rows": self.rows, "width": self.width, "make": make.address, "body": body}
+        self._given |= {"factor": problem.load_scale[:1].copy(), "table": scheme.needs.table, "orbit": about}
         self._varied = None
         if called:
             functions = [term for term in called if not isinstance(term, ForceTable)]
-            self._varied = varied = DifferentiableFunctions(
-                functions, scheme.needs.action, not wanted.isdisjoint(("time", "step"))
-            )
-            self._seeds = seeds
-            pack(block, STEPS, generalised=varied.generalised, action=varied.action, terms=varied.terms)
-            pack(block, STEPS, sloped=sloped.address, seeds=seeds)
+            has_time = not wanted.isdisjoint(("time", "step"))
+            self._varied = varied = DifferentiableFunctions(functions, scheme.needs.action, has_time)
+            self._given |= {name: getattr(varied, name) for name in ("generalised", "action", "terms")}
+            self._given |= {"sloped": sloped.address, "seeds": seeds}
 
     def in_frame(self, x: Array, back: bool = False) -> Array:
         """Return changes of states, (..., rows, count), in the frame of the matrices, or `back` from there."""
@@ -192,7 +181,7 @@ class Linearised:
         """Return the nodes of some steps."""
         k, problem = np.arange(first, last), self.problem
         times, middles = (problem.times(k), problem.times(k + 1)), self.middles
-        if self._orbit is not None:  # seen from there, no time passes in a step
+        if self._given["orbit"] is not None:  # seen from there, no time passes in a step
             middles = np.zeros(len(middles))
         return StepNodes(first, last, *times, problem.step_at(k), middles, problem.nodes(k, middles))
 
@@ -237,8 +226,8 @@ class Linearised:
 
     def block(self, own: Workspace, chunk: Chunk, nodes: States | None = None, **arrays: Any) -> NDArray[np.int64]:
         """Return what kernels are called with for the steps of a chunk, given the states at all nodes, and arrays."""
-        block, states = self._block.copy(), {} if nodes is None else chunk.states(nodes)
-        pack(block, STEPS, **own | chunk.arrays | states | arrays)
+        block, states = np.zeros(STEPS.size, dtype=np.int64), {} if nodes is None else chunk.states(nodes)
+        pack(block, STEPS, **self._given | own | chunk.arrays | states | arrays)
         return block
 
     def run(self, kernel: Kernel, own: Workspace, chunk: Chunk, nodes: States, **arrays: Any) -> None:
@@ -316,26 +305,23 @@ def chunk_of(
 ) -> Chunk:
     """Lay out steps, and what so many parameters do to them, by their entries, for changes that go on, or `back`."""
     first, last, none, before = nodes.first, nodes.last, np.zeros(0, dtype=np.int64), 0
-    every = [entry.transformed(steps.input_maps.get(entry.name, ONE)) for entry in entries]
-    columns = np.concatenate([none, *(one.component + steps.offsets[one.name] for one in every)])
-    parameters = np.concatenate([none, *(one.parameter for one in every)])
-    values = np.concatenate([np.zeros(0), *(one.value for one in every)])
-    at = (np.full(len(one.value), -1) if one.step is None else one.step - first for one in every)
-    step, padded = np.concatenate([none, *at]), -(-count // LANES) * LANES
-    fixed, own = np.flatnonzero(step < 0), np.flatnonzero(step >= 0)
+    every = [(none, none, np.zeros(0), none)]
+    for entry in entries:
+        one = entry.transformed(steps.input_maps.get(entry.name, ONE))
+        step = np.full(len(one.value), -1) if one.step is None else one.step - first
+        every.append((one.component + steps.offsets[one.name], one.parameter, one.value, step))
+    listed = [np.concatenate(each) for each in zip(*every, strict=True)]
+    order = np.argsort(listed[3], kind="stable") if back else np.lexsort((listed[1], listed[3]))
+    columns, parameters, values, step = (each[order] for each in listed)
+    begins, padded = np.searchsorted(step, np.arange(last - first + 1)), -(-count // LANES) * LANES
     arrays = {"steps": last - first, "batches": -(-(last - first) // LANES)} | steps.sampled_loads(nodes)
-    if back:
-        arrays |= {"columns": columns[fixed], "parameters": parameters[fixed], "values": values[fixed]}
-        arrays["fixed"] = len(fixed)
-    else:
+    arrays |= {"begins": begins, "columns": columns, "parameters": parameters, "values": values}
+    if not back:
+        fixed = slice(begins[0])
         used, rows = np.unique(columns[fixed], return_inverse=True)
         changes = aligned(len(used), padded)
         np.add.at(changes, (rows, parameters[fixed]), values[fixed])
         arrays |= {"padded": padded, "inputs": len(used), "used": used, "changes": changes}
-    if len(own):
-        own = own[np.argsort(step[own], kind="stable") if back else np.lexsort((parameters[own], step[own]))]
-        arrays |= {"begins": np.searchsorted(step[own], np.arange(last - first + 1)), "own_columns": columns[own]}
-        arrays |= {"own_parameters": parameters[own], "own_values": values[own]}
     if is_stored is not None:
         arrays["is_stored"], before = is_stored[first:last], int(is_stored[:first].sum())
     return Chunk(first, last, arrays, before)

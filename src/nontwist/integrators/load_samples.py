@@ -42,7 +42,7 @@ import numpy as np
 from numpy.polynomial.legendre import leggauss, legvander
 from numpy.typing import NDArray
 
-from ..engine.bodies import hinged_of
+from ..engine.bodies import body_rows, hinged_of
 from ..engine.generalised import EXACT, STAGE
 from ..engine.records import BODY, FORCES, Parts
 from ..geometry.arrays import Array, dot
@@ -101,9 +101,12 @@ def has_table(load: Load) -> bool:
 
 
 def march_parts(
-    systems: SystemStack, load: Load, bodies: Array, scheme: Compiled, **known: Any
-) -> tuple[list[Parts], NDArray[np.int64]]:
-    """Return what there is in marches of bodies under a load, as they are marched, and in which one each body is."""
+    systems: SystemStack, load: Load, unit: float, scale: Array, scheme: Compiled, **known: Any
+) -> tuple[Array, list[Parts], NDArray[np.int64]]:
+    """Return rows of bodies as they are marched, what there is in their marches, and in which one each body is."""
+    bodies = body_rows(systems, load, unit, scale, scheme.is_exact_without_load)
+    if scheme.dissipation:
+        bodies[:, BODY.dissipation + scheme.order - 1] = scheme.dissipation
     kinds, spin = {term.kind for term in load.terms}, systems.spin
     shared = Parts(
         is_director_scheme=scheme.is_director_scheme,
@@ -128,7 +131,7 @@ def march_parts(
 
     marched = [parts_with(one) for one in found.tolist()]
     groups = list(dict.fromkeys(marched))
-    return groups, np.array([groups.index(parts) for parts in marched])[np.searchsorted(found, flags)]
+    return bodies, groups, np.array([groups.index(parts) for parts in marched])[np.searchsorted(found, flags)]
 
 
 def addresses(samples: Samples, nodes: NDArray[np.int64]) -> NDArray[np.int64]:

@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..engine.bodies import body_rows, power_of_two
+from ..engine.bodies import power_of_two
 from ..engine.functions import StateFunctions
 from ..engine.marching import Text, march_kernel
 from ..engine.records import (
@@ -78,16 +78,14 @@ class StackMarch:
         systems, self.load = as_marched(stack, director)
         has_more = known.get("space", False)  # a moment that is added to the load
         self.about = None if has_more else orbit_of(systems, self.load, self.unit, scheme)
-        self.bodies = body_rows(systems, self.load, self.unit, stack.load_scale, scheme.is_exact_without_load)
-        if scheme.dissipation:
-            self.bodies[:, BODY.dissipation + scheme.order - 1] = scheme.dissipation
         self.functions = StateFunctions(self.load, self.needs.action)
         known |= {"function": bool(self.functions.address), "generalised": bool(self.functions.generalised)}
         z = self.load.internal_state
         known["memory"] = z.size
         known.setdefault("integrates_velocity", stack.intervals and self.load.drives)
         known |= {"orbit": self.about is not None, "reports": stack.intervals, "observes": stack.observed}
-        self.groups, group = march_parts(systems, self.load, self.bodies, scheme, **known)
+        how = systems, self.load, self.unit, stack.load_scale, scheme
+        self.bodies, self.groups, group = march_parts(*how, **known)
         self.group = np.broadcast_to(group, m)
         self.parts = self.groups[0]._replace(dead=any(parts.dead for parts in self.groups))
         self.sequence = FIRST if m == 1 else np.argsort(self.group, kind="stable")

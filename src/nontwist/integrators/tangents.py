@@ -136,8 +136,7 @@ class ForwardTangents:
             return (one._replace(parameter=place[one.parameter]) for one in entries(nodes))
 
         self._chunks = list(steps.chunks(self._count, entries_of, is_stored))
-        arrays = [chunk.arrays.get(name, ()) for chunk in self._chunks for name in ("used", "own_columns")]
-        inputs = {int(place) for array in arrays for place in array}
+        inputs = set().union(*(chunk.arrays["columns"].tolist() for chunk in self._chunks))
         self._turn = None if steps.frame is None else steps.in_frame(np.eye(steps.rows))
         self._padded, self._kernel = -(-self._count // side) * side, steps.forward_run(tuple(sorted(inputs))).function
         self._start = self._parted(start)

@@ -2,7 +2,7 @@
 
 With the rate r = a·W about an axis a of the body, the moment along a is ``-limit sign r`` while r is not zero; while it
 is, it is any moment between -limit and limit. Without an axis it is ``-limit w/|w|``, and at w = 0 any of a size up to
-the limit. That is no function of the state, so kernels do not call it: `driver.contacts` takes a run apart where a rate
+the limit. That is no function of the state, so kernels do not call it: `driver.rubbing` takes a run apart where a rate
 vanishes.
 """
 

@@ -39,13 +39,13 @@ SENTINELS = 3  # values of a row that stand for missing, at most
 
 @dataclass(frozen=True)
 class Motion:
-    """A motion: a Rotation, (..., 3, 3) matrices Λ or (..., 4) quaternions, scalar last.
+    """A motion: (..., 3, 3) matrices Λ or (..., 4) quaternions, scalar last.
 
     With its times, as given, what these count from, s, the lines of its rows in a file, where there are any, and how
     it was read.
     """
 
-    values: Any
+    values: Array
     time: Any = None
     start: float | None = None
     lines: Lines | None = None

@@ -23,7 +23,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +34,9 @@ from ..units import RATE, TIME
 from .headers import ACCELEROMETER, rate_unit, sensors
 from .headers import GYROSCOPE as GYROSCOPES
 from .table import Table
+
+if TYPE_CHECKING:
+    from scipy.spatial.transform import Rotation
 
 FEWEST, MOST, BLOCKS = 10, 20_000, 20  # rows that tell anything, and that are compared, in blocks
 TURNS = 0.3  # rad by which a body must turn in all for a contradiction
@@ -79,15 +82,13 @@ class Reading:
 
     def quaternions(self, rows: Any) -> Array:
         """Return attitudes as quaternions, nan where they are no rotations."""
-        from scipy.spatial.transform import Rotation
-
         values = self.values(rows)
         if values.shape[-1] == 4:
             good = (abs(values) < 1e6).all(axis=1) & values.any(axis=1)
             return np.where(np.asarray(good)[:, None], values, np.nan)
         good = np.isfinite(values).all(axis=(1, 2)) & (np.linalg.det(np.nan_to_num(values)) > 0.5)
         found = np.full((len(values), 4), np.nan)
-        found[good] = Rotation.from_matrix(values[good]).as_quat()
+        found[good] = as_turns(values[good]).as_quat()
         return found
 
 
@@ -106,18 +107,14 @@ class Evidence:
 
     def steps(self, what: str, quat: Array) -> tuple[Array, Array, Array]:
         """Return turns between neighbouring rows, the rates that were measured there, and what turns these make."""
-        from scipy.spatial.transform import Rotation
-
         good = known(quat, self.beside[what], self.time[:, None])
-        R, rates, near = Rotation.from_quat(quat[good]), self.beside[what][good], np.diff(self.places[good]) == 1
+        R, rates, near = as_turns(quat[good]), self.beside[what][good], np.diff(self.places[good]) == 1
         R = R.inv() if what == SPIN else R
         measured = (rates[1:] + rates[:-1])[near] / 2
         return (R[:-1].inv() * R[1:]).as_rotvec()[near], measured, measured * np.diff(self.time[good])[near, None]
 
     def agreement(self, what: str, quat: Array) -> tuple[float, float]:
         """Return how well attitudes agree with what is beside them, 1 at best; with rates, also in direction alone."""
-        from scipy.spatial.transform import Rotation
-
         good = known(quat, self.beside[what])
         if good.size < FEWEST:
             return np.nan, np.nan
@@ -125,13 +122,20 @@ class Evidence:
             turned, measured, ahead = self.steps(what, quat)
             size = (turned * turned).sum() + (ahead * ahead).sum()
             return float(2 * (turned * ahead).sum() / max(size, 1e-300)), cosine(turned, measured)
-        R, b = Rotation.from_quat(quat[good]), self.beside[what][good]
+        R, b = as_turns(quat[good]), self.beside[what][good]
         if what == OTHER:
-            score = 1 - float((Rotation.from_quat(b).inv() * R).magnitude().mean())
+            score = 1 - float((as_turns(b).inv() * R).magnitude().mean())
         else:
             up = b / np.maximum(np.linalg.norm(b, axis=1, keepdims=True), 1e-300)
             score = float(np.linalg.norm(R.apply(up).mean(axis=0)))
         return score, score
+
+
+def as_turns(values: Array) -> Rotation:
+    """Return quaternions, scalar last, or matrices as a Rotation of SciPy, whose import takes a third of a second."""
+    from scipy.spatial.transform import Rotation
+
+    return Rotation.from_quat(values) if values.shape[-1] == 4 else Rotation.from_matrix(values)
 
 
 def known(*arrays: Array) -> NDArray[np.int64]:

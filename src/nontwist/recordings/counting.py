@@ -217,8 +217,6 @@ class TwistCounter:
     def _quaternions(self, rotation: Any) -> Array:
         """Return quaternions, scalar last, not finite where there is no sample."""
         values = raw_motion(rotation, self._scalar_first).values
-        if not isinstance(values, np.ndarray):
-            return np.asarray(values.as_quat())
         if values.shape[-1] == 4:
             return values
         missing = np.asarray(~np.isfinite(values).all(axis=(-2, -1)))

@@ -18,6 +18,7 @@ from ..errors import InputError, InputWarning, Option
 from ..geometry.arrays import Array, as_floats, in_order
 from ..geometry.values import counted
 from .attitudes import MEASURED, Motion, of_table
+from .checks import as_turns
 from .options import ReadOptions
 from .table import Content, Lines, Table, numbered, place
 from .times import seconds
@@ -68,13 +69,13 @@ def rotation(motion: Any, *, scalar_first: bool | None = None) -> Rotation:
     >>> rotation(run)[-1].as_rotvec().round(6)
     array([0., 2., 0.])
     """
-    return as_rotation(raw_motion(motion, scalar_first).values, EXACT)
+    return motion if hasattr(motion, "as_quat") else as_rotation(raw_motion(motion, scalar_first).values, EXACT)
 
 
 def raw_motion(motion: Any, scalar_first: bool | None) -> Motion:
     """Return a motion of any form; only that is checked, so that the caller can treat rows that are not finite."""
     if hasattr(motion, "as_quat"):
-        return Motion(motion)
+        return Motion(np.asarray(motion.as_quat()))
     if hasattr(motion, "columns") and hasattr(motion, "iloc"):
         columns = (motion.iloc[:, k].to_numpy() for k in range(motion.shape[1]))
         content = Content(Table(dict(zip(numbered(map(str, motion.columns)), columns, strict=True))))
@@ -114,14 +115,10 @@ def raw_motion(motion: Any, scalar_first: bool | None) -> Motion:
     raise ValueError(f"rotations must be (..., 3, 3) matrices or (..., 4) quaternions, got {array.shape}")
 
 
-def as_rotation(values: Any, tolerance: float) -> Rotation:
+def as_rotation(values: Array, tolerance: float, *names: Any) -> Rotation:
     """Return the values of `raw_motion` as a Rotation; a ValueError names what is no rotation within `tolerance`."""
-    if not isinstance(values, np.ndarray):
-        return values
-    _require_rotations(values, tolerance)
-    from scipy.spatial.transform import Rotation
-
-    return Rotation.from_quat(values) if values.shape[-1] == 4 else Rotation.from_matrix(values)
+    _require_rotations(values, tolerance, *names)
+    return as_turns(values)
 
 
 def measured_quaternions(motion: Motion, rows: NDArray[np.int64]) -> Array:
@@ -130,14 +127,10 @@ def measured_quaternions(motion: Motion, rows: NDArray[np.int64]) -> Array:
     Quaternions that are given are left as they are.
     """
     values = motion.values[rows]
-    if isinstance(values, np.ndarray):
-        _require_rotations(values, MEASURED, rows, motion.lines)
-        if values.shape[-1] == 4:
-            return np.ascontiguousarray(values)
-        from scipy.spatial.transform import Rotation
-
-        values = Rotation.from_matrix(values)
-    return np.asarray(values.as_quat())
+    if values.shape[-1] != 4:
+        return np.asarray(as_rotation(values, MEASURED, rows, motion.lines).as_quat())
+    _require_rotations(values, MEASURED, rows, motion.lines)
+    return np.ascontiguousarray(values)
 
 
 @np.errstate(over="ignore", invalid="ignore")
@@ -207,15 +200,13 @@ class Samples:
     @property
     def rotation(self) -> Rotation:
         """The attitudes."""
-        from scipy.spatial.transform import Rotation
-
-        return Rotation.from_quat(self.quaternion)
+        return as_turns(self.quaternion)
 
 
 def given_motion(motion: Any, time: Any, scalar_first: bool | None, name: str) -> Motion:
     """Return a motion with its times; a ValueError names what does not fit."""
     found = raw_motion(motion, scalar_first)
-    shape = found.values.shape if isinstance(found.values, np.ndarray) else found.values.as_quat().shape
+    shape = found.values.shape
     if len(shape) != (2 if shape[-1] == 4 else 3):
         raise ValueError(f"a motion has one attitude for each time, (n, 4) or (n, 3, 3), got {shape}")
     t, start = (found.time, found.start) if time is None else seconds(time)
@@ -235,9 +226,7 @@ def samples(*motions: Motion) -> list[Samples]:
     return [Samples(measured_quaternions(one, rows), kept, rows, left_out, notes, lines=lines) for one in motions]
 
 
-def _is_there(values: Any) -> NDArray[np.bool_]:
-    if not isinstance(values, np.ndarray):
-        return np.ones(len(values), dtype=np.bool_)
+def _is_there(values: Array) -> NDArray[np.bool_]:
     flat = values.reshape(len(values), math.prod(values.shape[1:]))
     return np.asarray(np.isfinite(flat).all(axis=1) & flat.any(axis=1))
 

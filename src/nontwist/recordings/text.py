@@ -35,7 +35,10 @@ PREAMBLE = 200  # lines that may be above the data
 DIGITS = 4  # of a date or a time of day, at least
 LONGEST = 200_000_000  # letters of a stream
 COMMENTS = ("//", "#", "%")
-SCALES = {"t": ("tscale", "s"), "g": ("gscale", "rad/s"), "a": ("ascale", "g"), "m": ("mscale", "")}
+SCALES = {"t": ("tscale", " (s)")}
+SCALES |= {
+    f"{one}{x}": (f"{one}scale", unit) for one, unit in (("g", " (rad/s)"), ("a", " (g)"), ("m", "")) for x in "xyz"
+}
 _COMMA, _POINT = (re.compile(rf"[-+]?\d+{mark}\d+(e[-+]?\d+)?", re.IGNORECASE) for mark in (",", r"\."))
 _UNSURE = re.compile(r"[-+]?[1-9]\d{0,2}[.,]\d{3}")  # perhaps thousands
 FEW = 3  # different numbers with such a mark, and as many below 1000 without one, are thousands
@@ -72,12 +75,9 @@ def read_table(source: Path | TextIO | bytes) -> tuple[Table, tuple[str, ...]]:
     if separator is None and 0 < len(row) < len(names):
         raise InputError("empty-fields", headers=len(names), fields=len(row))
     is_prose = first_row is None and first < len(lines) and len(fields_of(lines[first], separator)) > len(names)
-    decimal = _decimal(islice(opened(content), first, None), separator)
-    found = None if is_prose else _rows(content, separator, first, names, decimal)
-    if found is None:
-        return Table({name: np.array([]) for name in names}, headless=headers is None), ()
+    table, notes = _rows(b"" if is_prose else content, separator, first, names)
     factors = (f"stated above the rows: {line.strip()}" for line in lines[:first] if _FACTOR.search(line))
-    return replace(found[0], headless=headers is None), (*found[1], *factors)
+    return replace(table, headless=headers is None), (*notes, *factors)
 
 
 def opened(content: bytes) -> TextIO:
@@ -170,20 +170,17 @@ def _first_row(lines: Sequence[str], told: Sequence[int]) -> int | None:
 
 def _headers(above: Sequence[str], separator: str | None, row: Sequence[str]) -> list[str] | None:
     """Return the headers of a row of data, from the lines above it; None where there are none."""
-    told = [line for line in above if line.strip() and not _is_comment(line)]
-    units: list[str] = []
-    if len(told) > 1:
-        fields = [field.strip('[]() "') for field in fields_of(told[-1], separator)]
-        if any(fields) and all(map(is_unit, fields)):
-            units, told = fields, told[:-1]
+    told = [_cleaned(line, separator, len(row)) for line in above if line.strip() and not _is_comment(line)]
+    units = [field.strip("[]() ") for field in told[-1]] if len(told) > 1 else []
+    units = units if any(units) and all(map(is_unit, units)) else []
     if told:
-        names = _cleaned(told[-1], separator, len(row))
+        *told, names = told[:-1] if units else told
         filled = max((k + 1 for k, one in enumerate(row) if one), default=0)
         if sum(map(bool, names)) == filled < len(names):  # two tabs between bodies (Qualisys), one at the end (Shimmer)
             units, names = ([one for one, name in zip(line, names, strict=False) if name] for line in (units, names))
         if len(names) == 1 < filled:  # a title, as of CCSDS and STK
             return None
-        names = _with_bodies(told[:-1], names, separator)
+        names = _with_bodies(told, names)
         if filled > len(names):
             raise InputError("more-fields", headers=len(names), fields=len(row))
         if len(units) == len(names):
@@ -197,9 +194,8 @@ def _headers(above: Sequence[str], separator: str | None, row: Sequence[str]) ->
     return None
 
 
-def _with_bodies(above: Sequence[str], names: list[str], separator: str | None) -> list[str]:
+def _with_bodies(rows: list[list[str]], names: list[str]) -> list[str]:
     """Return the headers with the name of their body before them, where lines above tell it."""
-    rows = [_cleaned(line, separator, len(names)) for line in above]
     if bodies := next((row[1:] for row in rows if row[0] == "BODY_NAMES"), []):
         body, joined = "", []
         for name in names:
@@ -226,12 +222,11 @@ def _cleaned(line: str, separator: str | None, count: int) -> list[str]:
     return names
 
 
-def _rows(
-    content: bytes, separator: str | None, first: int, names: list[str], decimal: str
-) -> tuple[Table, tuple[str, ...]] | None:
-    """Return the rows below the first lines, and what was left out between them; None where there are none."""
+def _rows(content: bytes, separator: str | None, first: int, names: list[str]) -> tuple[Table, tuple[str, ...]]:
+    """Return the rows below the first lines, and what was left out between them."""
     import pandas
 
+    decimal = _decimal(islice(opened(content), first, None), separator)
     blank = "".join({*"\r\n \t"} - {separator})
     places, comments, is_split, widest = array("q"), list[int](), False, 0
     for k, line in islice(enumerate(opened(content), 1), first, None):
@@ -247,6 +242,8 @@ def _rows(
         comments.append(places.pop())
     if separator is not None and 0 < widest < len(names):
         raise InputError("more-fields", headers=len(names), fields=widest)
+    if not places:
+        return Table({name: np.array([]) for name in names}), ()
     encoding = _encoding(content)
     if comments:
         kept, first = set(places), 0
@@ -256,8 +253,6 @@ def _rows(
     how |= {"encoding": encoding, "encoding_errors": "replace", "skiprows": first}
     try:
         frame = pandas.read_csv(io.BytesIO(content), **how)
-    except pandas.errors.EmptyDataError:
-        return None
     except pandas.errors.ParserError as error:
         found = re.search(r"line (\d+)", str(error))
         at = places[int(found[1]) - 1] if found and comments else found and found[1]
@@ -308,9 +303,10 @@ def read_gyroflow(path: Path, how: ReadOptions) -> Content:
     content = read_text(path, how)
     columns: dict[str, Any] = {}
     for header in content.table.headers:
-        key, unit = SCALES.get(header[:1], ("", ""))
-        is_scaled = key in above and (header == "t" or header[1:] in ("x", "y", "z"))
-        values = content.table.numbers(header) * float(above[key]) if is_scaled else content.table.columns[header]
-        columns[f"{header} ({unit})" if is_scaled and unit else header] = values
+        key, unit = SCALES.get(header, ("", ""))
+        if key in above:
+            columns[header + unit] = content.table.numbers(header) * float(above[key])
+        else:
+            columns[header] = content.table.columns[header]
     note = "counts: times the factors in the lines above them"
     return replace(content, table=replace(content.table, columns=columns), notes=(*content.notes, note))

@@ -260,7 +260,7 @@ def _calendar(table: Table, parts: dict[str, str]) -> dict[str, Clock]:
     with suppress(ValueError, TypeError):  # without years, months or days
         columns = {one.replace("min", "m"): table.columns[h] for one, h in used.items()}
         dates = pandas.to_datetime(pandas.DataFrame(columns), errors="coerce").to_numpy()
-        found = _dated(dates, " ".join(used.values()), "")
+        found = _dated(dates, " ".join(used.values()))
         return {"dates": found} if found.start is not None and _increases(found) else {}
     return {}
 
@@ -289,10 +289,11 @@ def read_times(table: Table, name: str, unit: str | None) -> Clock:
     stated = name if known(name, TIME) else stated
     is_date = values.dtype.kind in "mM"
     is_text = values.dtype.kind in "OUST" and next((number(v) is None for v in values.tolist() if v is not None), True)
+    scale = _scale(stated if unit is None else unit)
+    if unit and scale is None:
+        raise InputError("time-unit", unit=unit, name=name, units=", ".join(TIME))
     if is_date or is_text:
-        _scale(unit, name)
-        return _dated(values, name, "") if is_date else _dated(*_dates(values, name))
-    scale = _scale(stated if unit is None else unit, name, unit is not None or stated is None)
+        return _dated(values, name) if is_date else _dates(values, name)
     if unit is not None and known(stated, TIME) not in (None, known(unit, TIME)):
         raise InputError("time-unit-stated", name=name, stated=known(stated, TIME), unit=unit)
     ticks = table.numbers(name)
@@ -308,7 +309,9 @@ def read_times(table: Table, name: str, unit: str | None) -> Clock:
         is_coarse = step >= COARSE and ((finite == np.round(finite)).all() or not sensors(table.headers, GYROSCOPE))
         if date is None and (is_tick or is_coarse):
             raise InputError("no-time-unit", name=name, step=step)
-        scale, zero = (_scale(stated, name) or 1.0, 0.0) if date is None else SINCE[date]
+        if date is None and stated:
+            raise InputError("time-unit", unit=stated, name=name, units=", ".join(TIME))
+        scale, zero = (1.0, 0.0) if date is None else SINCE[date]
     symbol = next((symbol for symbol, one in TIME.items() if one == scale), f"counts of {scale:g} s")
     periods = BITS  # where a clock begins at its least, recordings may follow each other
     if first - finite.min(initial=first) > step:
@@ -322,14 +325,10 @@ def read_times(table: Table, name: str, unit: str | None) -> Clock:
     return Clock(ticks * scale, None, (f"time: column {name!r}, {symbol}{how}{over}",), has_unit)
 
 
-def _scale(given: str | None, name: str, strict: bool = True) -> float | None:
+def _scale(unit: str | None) -> float | None:
     """Return the seconds of a unit; None where there is none, or its header has something else in brackets."""
-    symbol, seconds = known(given, TIME), number(given)
-    if symbol is not None or (seconds is not None and 0 < seconds < np.inf):
-        return seconds if symbol is None else TIME[symbol]
-    if given and strict:
-        raise InputError("time-unit", unit=given, name=name, units=", ".join(TIME))
-    return None
+    seconds = TIME.get(known(unit, TIME) or "", number(unit))
+    return seconds if seconds is not None and 0 < seconds < np.inf else None
 
 
 def _is_date(first: float, step: float, scale: float, zero: float) -> bool:
@@ -338,8 +337,8 @@ def _is_date(first: float, step: float, scale: float, zero: float) -> bool:
     return EPOCH[0] < (first - zero) * scale < EPOCH[1] and is_close
 
 
-def _dates(values: NDArray[Any], name: str) -> tuple[NDArray[Any], str, str]:
-    """Return dates or times of day, the name, and what is to be said of the order of day and month.
+def _dates(values: NDArray[Any], name: str) -> Clock:
+    """Return the time of texts that are dates or times of day.
 
     They are as ISO 8601 writes them, or day.month.year, or with slashes in an order that the values show; minutes and
     seconds alone; with a point or a comma in seconds, and AM or PM.
@@ -369,10 +368,11 @@ def _dates(values: NDArray[Any], name: str) -> tuple[NDArray[Any], str, str]:
         texts = texts.str.replace(r"^(\d+:\d\d(\.\d+)?)$", r"00:\1", regex=True)
     is_duration = texts.str.contains(r"[:a-z]", case=False, na=True)  # not 1,000, which is 1 µs to pandas
     with suppress(ValueError, TypeError, OverflowError):
-        return pandas.to_datetime(texts, format="ISO8601", utc=True).dt.tz_localize(None).to_numpy(), name, order
+        dates = pandas.to_datetime(texts, format="ISO8601", utc=True).dt.tz_localize(None)
+        return _dated(dates.to_numpy(), name, order)
     with suppress(ValueError, TypeError, OverflowError):
         if is_duration.all():
-            return pandas.to_timedelta(texts).to_numpy(), name, order
+            return _dated(pandas.to_timedelta(texts).to_numpy(), name)
     raise InputError("not-a-time", name=name, value=values.tolist()[is_duration.argmin()])
 
 
@@ -385,7 +385,7 @@ def _of_24_hours(time: re.Match[str]) -> str:
     return f"{int(hour) % 12 + 12 * (half in 'Pp'):02}{rest}"
 
 
-def _dated(values: NDArray[Any], name: str, order: str) -> Clock:
+def _dated(values: NDArray[Any], name: str, order: str = "") -> Clock:
     """Return the time of dates, or of durations as are times of day, from the first on."""
     ahead, start = seconds(values)
     times, over = counted_on(ahead, PERIODS if values.dtype.kind == "m" else {})

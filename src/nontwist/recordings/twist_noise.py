@@ -37,7 +37,6 @@ variance is
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 
@@ -109,9 +108,9 @@ def noise_of_twist(d3: Array, sigma: float, order: int) -> Array:
     return np.asarray(np.sqrt(variance))
 
 
-def rounding(values: Any) -> float:
+def rounding(values: Array) -> float:
     """Return the deviation of each component of d3 by rounding of quaternions or matrices, 0.0 where they are not."""
-    if not isinstance(values, np.ndarray) or len(values) < LEAST:
+    if len(values) < LEAST:
         return 0.0
     rows = values.reshape(len(values), -1)
     some = rows[:: 1 + len(rows) // _BLOCK]

@@ -16,6 +16,7 @@ from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import replace
 from functools import cached_property
+from itertools import islice
 from pathlib import Path
 from typing import Annotated, Any, Self
 
@@ -307,7 +308,7 @@ def checked(name: str, data: dict[str, Any], folder: Folder) -> RunFile:
         file = whole = RunFile.model_validate(data)
     except ValidationError as error:
         cause, file = error, _standing(data, [one.path for one in found_in(error)])
-        faults += problems_of(error)
+        faults += islice(problems_of(error), MOST_PROBLEMS)
     file._folder = folder
     made, sweep = posed(file, further), file.sweep
     ready = None if made is None else made[1]

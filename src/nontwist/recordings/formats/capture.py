@@ -90,10 +90,11 @@ def _joints(head: str) -> list[tuple[str, int | None, list[str]]]:
                 chain.pop()
             elif word == "CHANNELS":
                 count, *channels = rest.split()
-                is_known = re.fullmatch(r"(?!.*(.)\1)[XYZ]{0,3}", _axes(channels))
+                own = joints[chain[-1] or 0][2]
+                own += channels
+                is_known = re.fullmatch(r"(?!.*(.)\1)[XYZ]{0,3}", _axes(own))
                 if len(channels) != int(count) or not is_known or (channels and chain[-1] is None):
                     raise ValueError
-                joints[chain[-1] or 0][2].extend(channels)
             else:
                 current = None if word == "End" else len(joints)
                 if current is not None:

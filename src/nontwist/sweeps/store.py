@@ -31,7 +31,7 @@ from ..errors import SweepStoreError
 from ..geometry.arrays import Array
 from ..geometry.values import as_path
 from ..integrators import Status
-from ..io.whole import atomic_file, atomic_folder
+from ..io.whole import atomic_file, atomic_path
 from .members import REFUSED, Members, Results, values
 
 FORMAT, ABSENT = 3, -2
@@ -320,7 +320,7 @@ def create(path: Path, members: Members, block: int) -> SweepStore:
     """Make an empty store; it appears under its name when it is complete."""
     zarr, m = _zarr(), len(members)
     statuses = {ABSENT: "absent", REFUSED: "refused", **{int(status): status.name.lower() for status in Status}}
-    with atomic_folder(path) as temporary:
+    with atomic_path(path) as temporary:
         record = {
             "sweep_format": FORMAT,
             "title": members.file.title or f"{m} {members.file.body.kind} rigid bodies",

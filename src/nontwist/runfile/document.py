@@ -16,7 +16,6 @@ from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import replace
 from functools import cached_property
-from itertools import islice
 from pathlib import Path
 from typing import Annotated, Any, Self
 
@@ -43,7 +42,7 @@ from ..units import in_datasets
 from .body import Body, SpinTable
 from .files import LARGEST, Fault, Folder, Keys, document, overridden, parsed, shown, toml_text
 from .loads import AnyLoad, LoadSection, Place
-from .section import Faults, Section, entry, found_in, problems_of
+from .section import MOST_PROBLEMS, Faults, Section, entry, found_in, problems_of
 from .sweep_table import Sweep, key_problems, step_problems, table_problems
 from .tables import AnyEvent, Integrator, Output, Start, Time, options_of
 
@@ -282,9 +281,6 @@ def with_loads(file: RunFile, loads: list[LoadSection]) -> RunFile:
 # `read_run_file`: bytes, plain data, tables, checks; all problems are reported at once.
 
 
-MOST_PROBLEMS = 100  # that are reported
-
-
 def read_run_file(path: str | os.PathLike[str], overrides: Iterable[str] = ()) -> RunFile:
     """Read and check a run file without running it; parameters and errors as `nontwist.Problem.read`."""
     path, texts = as_path(path, "path"), as_list(overrides, "overrides")
@@ -308,7 +304,7 @@ def checked(name: str, data: dict[str, Any], folder: Folder) -> RunFile:
         file = whole = RunFile.model_validate(data)
     except ValidationError as error:
         cause, file = error, _standing(data, [one.path for one in found_in(error)])
-        faults += islice(problems_of(error), MOST_PROBLEMS)
+        faults += problems_of(error)
     file._folder = folder
     made, sweep = posed(file, further), file.sweep
     ready = None if made is None else made[1]

@@ -42,7 +42,7 @@ from ..units import in_datasets
 from .body import Body, SpinTable
 from .files import LARGEST, Fault, Folder, Keys, document, overridden, parsed, shown, toml_text
 from .loads import AnyLoad, LoadSection, Place
-from .section import Faults, Section, entry, found_in, problems_of
+from .section import MOST_PROBLEMS, Faults, Section, entry, found_in, problems_of
 from .sweep_table import Sweep, key_problems, step_problems, table_problems
 from .tables import AnyEvent, Integrator, Output, Start, Time, options_of
 
@@ -279,9 +279,6 @@ def with_loads(file: RunFile, loads: list[LoadSection]) -> RunFile:
 
 
 # `read_run_file`: bytes, plain data, tables, checks; all problems are reported at once.
-
-
-MOST_PROBLEMS = 100  # that are reported
 
 
 def read_run_file(path: str | os.PathLike[str], overrides: Iterable[str] = ()) -> RunFile:

@@ -224,6 +224,9 @@ class Faults(list[Fault]):
             self.append(Fault(f"{at}.{name}", given, accepted or words_of(type(table), name)))
 
 
+MOST_PROBLEMS = 100  # that are reported
+
+
 class Found(NamedTuple):
     """A fault, in a table: the path of the key from there, and where an unknown one belongs, if that is known."""
 
@@ -242,14 +245,14 @@ class Found(NamedTuple):
 
 def found_in(error: ValidationError, table: type[Section] = Section) -> Iterator[Found]:
     """Yield what pydantic has found in a table, and what tables in it have found themselves."""
-    for one in error.errors(include_url=False):
+    for number, one in enumerate(error.errors(include_url=False)):
         # names of forms stand between a key and the numbers of entries
         at, given = tuple(part for k, part in enumerate(one["loc"]) if k == 0 or isinstance(part, int)), one["input"]
         accepted = words_of(table, str(at[0])) if at and at[0] in table.model_fields else ""
         if one["type"] == "found":
             yield from (inner.within(at, table) for inner in one["ctx"]["found"])
         elif one["type"] == "extra_forbidden":
-            yield _unknown(str(at[0]), table)
+            yield _unknown(str(at[0]), table) if number < MOST_PROBLEMS else Found(at, UNKNOWN, "")
         elif one["type"] == "kind" and isinstance(given, dict):
             yield _refused((*at, "kind"), given.get("kind"), one["msg"])
         elif one["type"] == "missing":

@@ -254,6 +254,10 @@ class Wheel(Memory):
         table: Array = within(self.times, self.values[:, None], times)[0] if self.times.size else 0.0 * times
         return self.torque + table
 
+    def history(self, times: Array) -> tuple[Array, Array]:
+        """Return impulse and torque at (n,) times, without the factor."""
+        return self.impulse(times), self.torque_at(times)
+
     def slope_of_torque(self, times: Array) -> Array:
         """Return the slope of the table in the middle of the intervals between times, without the factor."""
         middles = (times[1:] + times[:-1]) / 2
@@ -285,23 +289,6 @@ class Wheel(Memory):
     def called(self) -> Function:
         """The text."""
         return self.responses
-
-    def slopes_of_momentum(self, name: str, times: Array, begin: float) -> Array:
-        """Return the derivatives of the factor times h at (n,) times of a run that begins at one by a parameter.
-
-        What is added to the torque of a table acts as long as the table does.
-
-        Raises
-        ------
-        ValueError
-            The parameter is the factor of a table, to which steps of many nodes are not linear.
-        """
-        if name == "scale" and self.times.size:
-            raise ValueError("runs have no derivatives by the factor of a wheel whose torque is a table")
-        ends = self.times[[0, -1]] if self.times.size else (-np.inf, np.inf)
-        speed, torque = self.inertia * np.ones(len(times)), np.clip(times, *ends) - np.clip(begin, *ends)
-        found: dict[str, Array] = {"speed": self.scale * speed, "torque": self.scale * torque}
-        return found[name] if name in found else self.speed * speed + self.torque * torque
 
     @classmethod
     def words(cls, record: Record) -> str:

@@ -241,6 +241,9 @@ SIBLINGS = {
     "ArduPilot, a temperature": made(text({"timestamp": T, "T": [25.5] * N, **PLAIN})),
     "STK": made(text({"t": T, **PLAIN}, " ", head="BEGIN Attitude\nAttitudeTimeQuaternions\n", headers=False)
         + "\nEND Attitude\n", scalar_first=True),
+    "CCSDS": made(makers.aem("ICRF"), says="REF_FRAME_A = ICRF"),
+    "CCSDS, the other order": made(makers.aem("ICRF"), scalar_first=False, truth=Rotation.from_quat(makers.WXYZ),
+        says="the file states another order"),
     "MATLAB, names of months": made(clocked("time", [f"{d:%d-%b-%Y %H:%M:%S.%f}" for d in DATES])),
     "CCSDS, days of the year": made(clocked("time", [f"{d:%Y-%jT%H:%M:%S.%f}" for d in DATES])),
     "OpenSim, forces of two plates": made(text({"time": T, **vector("r{}", R.as_euler("XYZ", degrees=True)), "f": T,

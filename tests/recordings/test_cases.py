@@ -293,6 +293,7 @@ RATES = {
     "B10, sibling: counts": (counts(), GYR, r"LSB|0\.0175", 2e-4),
     "B11, x-axis (deg/s)": (text({"time": T, **vector("{}-axis (deg/s)", np.degrees(GYR))}), GYR, "", 1e-9),
     "B11, rad s^-1": (text({"time": T, **vector("w_RS_S_{} [rad s^-1]", GYR)}), GYR, "", 1e-9),
+    "in radians/s": (text({"time": T, **vector("{} (in radians/s)", GYR)}), GYR, "", 1e-9),
     "EuRoC, a bias": (text({"time": T, **vector("b_w_RS_S_{} [rad s^-1]", BIAS)}), None, "no columns contain", 0),
     "Shimmer, tabs at the ends": (TABBED.replace("\n", "\t\n"), GYR, "", 1e-9),
     "units below": (

@@ -315,7 +315,8 @@ def rotations(values: Array, lines: Lines | None, normalize: bool) -> tuple[Arra
     bad, (lost, held) = good & ~(off <= MEASURED), _lost(flat, good)
     what, plural = ("quaternion", "quaternions") if is_quaternion else ("matrix", "matrices")
     told = list[str]()
-    if bad.any() and bad.sum() > RARE * good.sum() and len(np.unique(flat[bad], axis=0)) > SENTINELS:
+    is_few = (bad != good).any() and len(np.unique(flat[bad], axis=0)) <= SENTINELS
+    if bad.sum() > RARE * good.sum() and not is_few:
         scale = float(np.median(size[good]))
         steps = np.diff(np.unique(flat[good].ravel()))
         quantum = float(steps[steps > 0].min(initial=np.inf)) / scale  # of rounded values

@@ -204,12 +204,12 @@ class Solved:
     @cached_property
     def _steps(self) -> tuple[Linearised | RememberingSteps, Array]:
         """The steps, linearised, and the changes of the first state by the parameters."""
-        own, first = self.parameters, self.problem.velocity[0]
-        how: Any = self.problem, self.run.integrator
-        if self.problem.load.memories:
-            remembering = RememberingSteps(*how, own.of_wheels, own.inertias)
+        own, problem, first = self.parameters, self.problem, self.problem.velocity[0]
+        scheme: Any = self.run.integrator
+        if problem.load.memories:
+            remembering = RememberingSteps(problem, scheme, own.of_wheels, own.inertias)
             return remembering, remembering.start(own.start(6, first, self._removed))
-        steps = Linearised(*how, own.inputs, own.changes)
+        steps = Linearised(problem, scheme, own.inputs, own.changes)
         return steps, own.start(steps.rows, first, self._removed)
 
     def changes(self, directions: Array | None = None) -> Array:

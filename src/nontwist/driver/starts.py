@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -16,6 +17,8 @@ from ..geometry.attitudes import attitudes, states_of
 from ..integrators.problem import Stretches
 from ..loads import Load
 from ..loads.kinds import load_in_words
+from ..loads.memory import Column, recorded_wheels
+from ..loads.terms import Record
 from ..models.stack import SystemStack, stacked
 from ..models.system import DirectorSystem
 from .grid import is_too_short
@@ -43,9 +46,11 @@ class BodyState:
     array([0.785398])
     """
 
-    __slots__ = ("_numbers", "_time")
+    __slots__ = ("_axes", "_numbers", "_time", "_wheels")
+    _axes: tuple[tuple[float, ...], ...]  # inertia and axis of each wheel
     _numbers: tuple[float, ...]
     _time: float
+    _wheels: tuple[tuple[float, ...], ...]  # h first
 
     @property
     def time(self) -> float:
@@ -66,6 +71,18 @@ class BodyState:
     def internal_state(self) -> tuple[float, ...]:
         """The internal states z of loads with memory, one behind the other; none: ()."""
         return self._numbers[7:]
+
+    @property
+    def wheel_momentum(self) -> tuple[float, ...]:
+        """Axial momentum of each wheel in space, kg m² s⁻¹."""
+        return tuple(one[0] for one in self._wheels)
+
+    @property
+    def wheel_speed(self) -> tuple[float, ...]:
+        """Speed of each wheel relative to the body, rad/s."""
+        x, y, z = self.material_angular_velocity
+        found = zip(self._wheels, self._axes, strict=True)
+        return tuple(h / I - (a * x + b * y + c * z) for (h, *_), (I, a, b, c) in found)
 
     @property
     def angular_velocity(self) -> Vector:
@@ -100,10 +117,18 @@ class BodyState:
         return f"<{type(self).__name__}: t = {self._time:.12g} s, quaternion {p}, W {W} rad/s>"
 
 
-def body_state(time: float, quaternion: Any, velocity: Any, internal: Any = ()) -> BodyState:
-    """Return the state of a quaternion, scalar last, W, and internal states, lists of floats."""
+def axes_of(load: Load) -> tuple[tuple[float, ...], ...]:
+    """Return inertia and axis of each wheel."""
+    return tuple((one.inertia, *one.direction.tolist()) for one in load.wheels)
+
+
+def body_state(
+    time: float, quaternion: Any, velocity: Any, internal: Any = (), axes: Any = (), columns: Sequence[int] = ()
+) -> BodyState:
+    """Return the state of a quaternion, scalar last, W, and internal states, lists of floats, and `columns` of h."""
     state = BodyState()
     state._time, state._numbers = time, (*quaternion, *velocity, *internal)
+    state._axes, state._wheels = axes, tuple((internal[k],) for k in columns)
     return state
 
 
@@ -136,6 +161,7 @@ class Starts(NamedTuple):
     grid: Stretches | None = None  # counted from there
     memory: Array | None = None  # (m, ...)
     internal: Array | None = None  # (m, k) internal states of loads with memory
+    wheels: tuple[Column, ...] = ()  # whose states are among them
     removed: Array = np.zeros(1)  # (1,) or (m,), rad/s: the part of W along the constrained axis before it was removed
 
 
@@ -187,9 +213,10 @@ def starts(
     elif given is not None:
         raise ValueError("start= is a run and brings its velocities; leave the angular velocity out")
     else:
-        axis = _new_axis(start, systems)
+        axis, records = _new_axis(start, systems), _records(start)
+        begin = begin._replace(wheels=tuple(recorded_wheels(records)))
         if load is not None:
-            _require_memory(start, load, begin)
+            _require_memory(records, load, begin)
     p, W, N = begin[:3]
     if angular_velocity is not None:
         R = attitudes(p)
@@ -376,13 +403,17 @@ def _new_axis(start: Any, systems: SystemStack) -> Array | None:
     return None if abs(found.axis - axis).max() <= SAME else axis
 
 
-def _require_memory(start: Any, load: Load, begin: Starts) -> None:
-    """Warn of wheels and a memory that the load does not carry on; a ValueError where a run has lost their states."""
+def _records(start: Any) -> Sequence[Record]:
+    """Return what the load at the end of a run is, as far as it states that."""
     if isinstance(start, Trajectory):
-        records = start.load
-    else:
-        records = recorded(start, "load") if "load" in start.attrs else []
-        records = recorded(start, "joined")[-1]["load"] if "joined" in start.attrs else records
+        return start.load
+    if "joined" in start.attrs:
+        return recorded(start, "joined")[-1]["load"]
+    return recorded(start, "load") if "load" in start.attrs else []
+
+
+def _require_memory(records: Sequence[Record], load: Load, begin: Starts) -> None:
+    """Warn of wheels and a memory that the load does not carry on; a ValueError where a run has lost their states."""
     before, now = ([one for one in many if one["kind"] == "memory"] for many in (records, load.description))
     if before and now and begin.internal is None:
         raise ValueError("start= lacks internal_state, from which its wheels and memory continue; keep all variables")

@@ -377,6 +377,11 @@ class Column(NamedTuple):
     has_loss: bool  # whether what friction takes is behind that: h is not known beforehand
     is_dry: bool
 
+    @property
+    def count(self) -> int:
+        """How many internal states it has."""
+        return 1 + self.has_motor + self.has_loss
+
 
 def recorded_wheels(records: Sequence[Record]) -> list[Column]:
     """Return the wheels of the load of these records, whose internal states come before those of other loads."""
@@ -386,8 +391,20 @@ def recorded_wheels(records: Sequence[Record]) -> list[Column]:
             rubs, works = _rubs(one) or "motor" in one, bool(one["torque"] or len(one["times"]))
             is_dry = bool(one.get("coulomb"))
             found.append(Column(np.array(one["wheel"]), float(one["inertia"]), place, rubs or works, rubs, is_dry))
-            place += 3 if rubs else 1 + works
+            place += found[-1].count
     return found
+
+
+def carried_on(z: Array, had: Sequence[Column], own: Sequence[Column | Wheel]) -> Array:
+    """Return internal states, (..., k), of a run with the wheels `had` as those of a load with its own.
+
+    Momenta continue, and so do works and losses that both have; the others are 0.
+    """
+    kept = [
+        old.place + k if k < old.count else -1 for old, new in zip(had, own, strict=False) for k in range(new.count)
+    ]
+    others = range(sum(old.count for old in had), z.shape[-1])
+    return np.insert(z, z.shape[-1], 0.0, axis=-1)[..., [*kept, *others]]
 
 
 def _rubs(record: Record) -> bool:

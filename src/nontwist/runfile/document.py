@@ -17,7 +17,7 @@ from contextlib import suppress
 from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, Self, cast
 
 import numpy as np
 from pydantic import Field, PrivateAttr, TypeAdapter, ValidationError
@@ -336,23 +336,24 @@ def checked(name: str, data: dict[str, Any], folder: Folder) -> RunFile:
 
 def _standing(data: dict[str, Any], wrong: list[Keys]) -> Any:
     """Return the file once wrong keys are left out; tables that are still not of the right form are None."""
-    tables, lists = dict[str, Any](), {"load": AnyLoad, "event": AnyEvent}
+    lists: dict[str, Any] = {"load": TypeAdapter(AnyLoad), "event": TypeAdapter(AnyEvent)}
+    tables = dict[str, Any]()
     for key, field in RunFile.model_fields.items():
-        value = data.get(key, {})
+        value, form = data.get(key, {}), cast(Any, field.annotation)
         if key in lists:
             entries = enumerate(value if isinstance(value, list) else [])
             tables[key] = [_stands(lists[key], one, (key, k), wrong) for k, one in entries]
         else:
-            tables[key] = _stands(field.annotation, value, (key,), wrong)
+            tables[key] = _stands(TypeAdapter(form), value, (key,), wrong)
     return RunFile.model_construct(**tables)
 
 
-def _stands(form: Any, value: Any, at: Keys, wrong: list[Keys]) -> Any:
+def _stands(form: TypeAdapter[Any], value: Any, at: Keys, wrong: list[Keys]) -> Any:
     """Return a table, or None; the other keys of an integrator belong to its name, if that is wrong."""
     keys = {path[len(at)] for path in wrong if path[: len(at)] == at and len(path) > len(at)}
     with suppress(ValidationError):
         if isinstance(value, dict) and "name" not in keys:
-            return TypeAdapter(form).validate_python({key: one for key, one in value.items() if key not in keys})
+            return form.validate_python({key: one for key, one in value.items() if key not in keys})
     return None
 
 

@@ -43,6 +43,7 @@ ALIASES = {  # names of other programs
     **{"m": "mass", "g": "gravity", "solver": "name"},
 }
 UNKNOWN = "unknown key"
+MOST_PROBLEMS = 100  # that are reported
 IN_TOML = {"project=True": "start.project = true", "physical=False": "body.physical = false"}
 
 
@@ -80,6 +81,8 @@ class Section(BaseModel):
             found = dict[Keys, Found]()
             for one in found_in(error, cls):
                 found.setdefault(one.path, one)
+                if len(found) == MOST_PROBLEMS:
+                    break
             raise PydanticCustomError("found", "wrong keys", {"found": [*found.values()]}) from None
 
 
@@ -224,9 +227,6 @@ class Faults(list[Fault]):
             self.append(Fault(f"{at}.{name}", given, accepted or words_of(type(table), name)))
 
 
-MOST_PROBLEMS = 100  # that are reported
-
-
 class Found(NamedTuple):
     """A fault, in a table: the path of the key from there, and where an unknown one belongs, if that is known."""
 
@@ -245,14 +245,14 @@ class Found(NamedTuple):
 
 def found_in(error: ValidationError, table: type[Section] = Section) -> Iterator[Found]:
     """Yield what pydantic has found in a table, and what tables in it have found themselves."""
-    for number, one in enumerate(error.errors(include_url=False)):
+    for one in error.errors(include_url=False):
         # names of forms stand between a key and the numbers of entries
         at, given = tuple(part for k, part in enumerate(one["loc"]) if k == 0 or isinstance(part, int)), one["input"]
         accepted = words_of(table, str(at[0])) if at and at[0] in table.model_fields else ""
         if one["type"] == "found":
             yield from (inner.within(at, table) for inner in one["ctx"]["found"])
         elif one["type"] == "extra_forbidden":
-            yield _unknown(str(at[0]), table) if number < MOST_PROBLEMS else Found(at, UNKNOWN, "")
+            yield _unknown(str(at[0]), table)
         elif one["type"] == "kind" and isinstance(given, dict):
             yield _refused((*at, "kind"), given.get("kind"), one["msg"])
         elif one["type"] == "missing":

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..analysis.trajectory import Trajectory
-from ..analysis.variables import DERIVATIVES, Described, assembled, coordinates
+from ..analysis.variables import DERIVATIVES, Described, assembled, described, labelled
 from ..geometry.arrays import Array, as_array
 from ..integrators import IVP
 from ..integrators.compiled import Compiled
@@ -188,8 +188,8 @@ def gradient(
         if given is not None:
             slopes[:, at : at + 3] = as_array(given, name, (len(slopes), 3))
     about = {"long_name": "derivative of f", "units": "per unit of the parameter"}
-    found = {"gradient": ("parameter", slopes_of(solved, parameters, slopes), about)}
-    return assembled(found, coordinates(["parameter"], _units(parameters), parameter=parameters.labels), {})
+    found = _units(parameters) | {"gradient": (("parameter",), slopes_of(solved, parameters, slopes), about)}
+    return assembled(labelled(found, parameter=parameters.labels), {})
 
 
 def solved_with(plan: Plan, begin: Starts, wrt: Any, means: bool = False) -> tuple[Solved, Parameters]:
@@ -310,9 +310,9 @@ def _stored(solved: Solved, plan: Plan, begin: Starts) -> Trajectory:
 
 def _described(run: Trajectory, changes: Array, parameters: Parameters) -> xarray.Dataset:
     """Return a run with its derivatives, (n, 6, count)."""
-    more = dict(zip(DERIVATIVES, (changes[:, :3], changes[:, 3:]), strict=True))
-    return run._dataset(more, {"parameter": parameters.labels}, _units(parameters))
+    more = described(dict(zip(DERIVATIVES, (changes[:, :3], changes[:, 3:]), strict=True)))
+    return run._dataset(more | _units(parameters), parameter=parameters.labels)
 
 
 def _units(parameters: Parameters) -> dict[str, Described]:
-    return {"parameter_unit": ("parameter", np.array(parameters.units, dtype=np.str_), {})}
+    return {"parameter_unit": (("parameter",), np.array(parameters.units, dtype=np.str_), {})}

@@ -13,8 +13,7 @@ from scipy.spatial.transform import Rotation
 import nontwist as nt
 from conftest import BODIES, PAPER_J
 from nontwist import plot
-from nontwist.comparison import reference, summary, table
-from nontwist.comparison.comparing import measured_orders
+from nontwist.comparison import comparing, reference, summary, table
 from nontwist.comparison.tables import times_to
 from nontwist.integrators import Continuous, EnergyMomentum, LieMidpoint
 from refusals import says
@@ -75,7 +74,7 @@ def test_a_failure_does_not_stop_other_runs(loaded):
 
 def test_an_order_needs_an_error_above_the_floor_that_decreases():
     errors = np.array([[4e-2, 1e-2, 1e-2, 1e-15], [1.0, np.nan, 0.25, 0.25 / np.sqrt(2)]])
-    orders = measured_orders(errors, np.array([0.4, 0.2, 0.1, 0.05]), np.full(4, 1e-13))
+    orders = comparing.measured_orders(errors, np.array([0.4, 0.2, 0.1, 0.05]), np.full(4, 1e-13))
     assert orders == pytest.approx(np.array([[np.nan, 2, np.nan, np.nan], [np.nan] * 3 + [0.5]]), nan_ok=True)
 
 
@@ -147,12 +146,12 @@ def test_a_change_of_the_start_turns_the_body_as_well(monkeypatch):
 
 
 def test_the_labels_and_the_defaults(monkeypatch):
-    everything = [*reference.chosen(None)]
+    everything = [*comparing.chosen(None)]
     orders = {"gauss": (2, 4, 6, 8, 12, 16), "lie-midpoint": (2,), "energy-momentum": (2,), "split": (2, 4, 6)}
     assert everything[:11] == [f"{name} {k}" for name, known in orders.items() for k in known]
     assert everything[-4:] == ["exact", "continuous 1e-6", "continuous 1e-9", "continuous 1e-12"]
-    assert reference.label(Continuous("RK45", 1e-5, 1e-6, "director")) == "continuous RK45 1e-5 atol 1e-6 director"
-    assert reference.label(Continuous("RK45", 1e-5, 1e-7), tolerance=False) == "continuous RK45"
+    assert comparing.label(Continuous("RK45", 1e-5, 1e-6, "director")) == "continuous RK45 1e-5 atol 1e-6 director"
+    assert comparing.label(Continuous("RK45", 1e-5, 1e-7), tolerance=False) == "continuous RK45"
     monkeypatch.setattr(Continuous, "compared", (1e-6,))
     data = compare(BODIES["suslov"](), t_end=0.1, material_angular_velocity=[1, 2, 0], project=True)
     assert set(data.family.values) == {"lie-midpoint", "gauss", "energy-momentum", "continuous"}  # those that accept it
@@ -162,16 +161,16 @@ def test_the_labels_and_the_defaults(monkeypatch):
 
 def test_the_default_steps_halve_and_hold_the_kinks():
     load = nt.pulse([1, 0, 0], 0.3, 0.7)
-    assert [len(reference.grids(None, 0.0, 2.0, h, load)) for h in (0.004, 0.03, 0.2)] == [7, 5, 4]
-    found = reference.grids(None, 0.0, 2.0, 0.004, load)
+    assert [len(comparing.grids(None, 0.0, 2.0, h, load)) for h in (0.004, 0.03, 0.2)] == [7, 5, 4]
+    found = comparing.grids(None, 0.0, 2.0, 0.004, load)
     N = np.array([grid.steps for grid in found.values()])
     assert (N[1:] == 2 * N[:-1]).all()
     first = next(iter(found.values()))
     assert first.borders == (0.0, 0.3, 0.5, 0.7, 2.0)
     assert first.numbers == (0, 3, 5, 7, 18)  # at most 32 * 0.004 s a step
     assert list(found) == pytest.approx(first.longest / 2.0 ** np.arange(len(N)))
-    assert [reference.shared_intervals(each) for each in (list(N), [6000, 9000])] == [18, 1000]
-    assert [reference.stored_intervals(*each) for each in ((9000, 1000), (30030, 10))] == [9000, 4290]
+    assert [comparing.shared_intervals(each) for each in (list(N), [6000, 9000])] == [18, 1000]
+    assert [comparing.stored_intervals(*each) for each in ((9000, 1000), (30030, 10))] == [9000, 4290]
 
 
 def test_wrong_input_is_refused(loaded):

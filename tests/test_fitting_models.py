@@ -439,7 +439,8 @@ def test_the_error_of_a_rotor_is_in_the_intervals():
     time, rates, speeds = spun()
     speeds, widths = np.interp(time, *SPINS) + 0.1 * (speeds - np.interp(time, *SPINS)), []
     for error in (0.0, 0.03):
-        fit = nt.fit_inertia((time, rates, speeds), rotor=AXLE | {"inertia": 1.03 * WHEEL, "error": error})
+        rotor = AXLE | {"inertia": 1.03 * WHEEL, "error": error, "unit": "rpm"}
+        fit = nt.fit_inertia((time, rates, speeds * 30 / np.pi), rotor=rotor)
         low, high = fit.principal.intervals[0]
         widths.append((high - low) / 2 / fit.principal.moments[0])
     assert widths[0] < 0.03
@@ -519,6 +520,7 @@ def test_columns_that_are_no_speed_are_refused(tmp_path):
         ("no-column", {"speed": "erpm"}),
         ("no-speed-unit", {"speed": "wheel"}),
         ("speed-unit", {"speed": "wheel", "unit": "Hz"}),
+        ("speed-unit", {"speed": 500, "unit": "Hz"}),
         ("speed-unit-stated", {"speed": "gx (rad/s)", "unit": "rpm"}),
     ):
         with refused(code):
@@ -555,7 +557,7 @@ def test_the_command(here):
 def test_a_rotor_of_constant_speed_whose_valley_is_long(noise):
     own = np.diag([0.00464, 0.00964, 0.013])
     recording = recorded(nt.standard(own), 3, (1, 2, -1.5), load=nt.rotor((0, 0, 1), 0.24), sensor={"noise": noise})
-    fit = whole(recording, rotor={"axis": (0, 0, 2), "inertia": 4e-3, "speed": 60})
+    fit = whole(recording, rotor={"axis": (0, 0, 2), "inertia": 4e-3, "speed": 60 * 30 / np.pi, "unit": "rpm"})
     assert farthest(fit, own) < 4
     assert len(fit.parts[0].speed[0]) == 2
 

@@ -101,6 +101,7 @@ def test_joined_runs_are_resampled_with_the_load_and_the_steps_of_each_part():
     second = nt.simulate(BODY, t_end=3, step=0.1, start=first, store=5, order=8)
     times, whole = np.array([2.3, 0.7, 1.0, 0.2, 2.0, 1.2]), nt.join_runs(first, second)
     found = nt.resample(whole, times)
+    assert found.attrs == whole.attrs | {"resampled": "between stored states"}
     assert found.time.values.tolist() == times.tolist()
     for part, chosen in ((first, times <= 1), (second, times > 1)):
         expected = nt.resample(part, times[chosen])

@@ -139,6 +139,7 @@ def of_dates(form, dates=LATER):
     ("Date", of_dates("%d/%m/%Y %H:%M:%S,%f"), f"dates, day/month/{ABOVE_12}"),
     ("Date", of_dates("{0.month}/{0.day}/%Y %H:%M:%S.%f"), f"dates, month/day/{ABOVE_12}"),
     ("time", of_dates("%I:%M:%S.%f %p", DATES - pandas.Timedelta(1, "s")), "from its first"),  # past noon
+    ("time", of_dates("%Y/%m/%d/%H:%M:%S.%f"), "dates"), ("device_timestamp_ms", 1e3 * T, "ms"),
     ("ms", 1e3 * T, "ms"), ("elapsed (s)", T, "s"), ("TimeStartup [ns]", 1e9 * T, "ns"),
 ])  # fmt: skip
 def test_times_by_their_headers_and_values(header, times, note):
@@ -245,6 +246,7 @@ REFUSED = {
         **quaternion(values=WXYZ * np.tile([[1, 1, 1, 1], [1, 0, 0, 0]], (30, 1)))}, names="1, 2"),
     "many lengths": no("not-rotations", "time,qw,qx,qy,qz\n" + "".join(f"{k},2,{k},0,0\n" for k in range(9)),
         what="quaternions", low=2),
+    "two rows of signals": no("not-rotations", "7,1777037151.2,78,0.1,-9.2,-1.6,0.1,-8.7,-1.5\n" * 2, what="matrices"),
     "three of four": no("three-of-four", "qw,qx,qy\n1,0,0\n1,0,0\n", three="qw, qx, qy", fourth="qz"),
     "numbers of a quaternion": no("scalar-unknown", quaternion("q1 q2 q3 q4")),
     "no unit of time": no("no-time-unit", beside(time=20 * np.arange(N)), name="time", step=20),
@@ -253,6 +255,7 @@ REFUSED = {
     # Movella DOT, an hour after it was switched on: no seconds since 1970
     "late ticks": no("no-time-unit", beside(SampleTimeFine=LATE), step=16_667),
     "late ticks, by another name": no("no-time-unit", beside(timestamp=LATE)),
+    "ns since a device started": no("no-time-unit", beside(t=951_412_773_297_707.375 + 8e6 * np.arange(N)), step=8e6),
     "a word": no("not-a-time", beside(time=["noon"] * N), name="time", value="noon"),
     **{wrong: no("not-a-time", beside(Date=[wrong] * N), how={"time_column": "Date"}, name="Date", value=wrong)
        for wrong in ("13:00:00 PM", "0:00:00 AM", "12/31/2026 25:00:00", "2/31/2026 10:00:00")},
@@ -268,6 +271,7 @@ REFUSED = {
     "three columns": no("three-columns", "a,b,c\n0,1,2\n", how=ABC),
     "which vector": no("which-angles", "a,b,c\n0,1,2\n", how={"rotation_vector": True}),
     "fields": no("fields", "t,qw,qx,qy,qz\n0,1,0,0,0\n0,1,0,0,0,7,8\n"),
+    "segments": no("segments", makers.aem("TEME"), place="line 18", key="REF_FRAME_A"),
     "more fields": no("more-fields", "qw,qx,qy,qz\n0,1,0,0,0\n"),
     "fewer fields": no("more-fields", "t,qw,qx,qy,qz\n" + "0,1,0,0\n" * 3, headers=5, fields=4),
     "two quaternions": no("several-orientations", "qw,qx,qy,qz,qw,qx,qy,qz\n" + "1,0,0,0,1,0,0,0\n" * 2),
@@ -370,7 +374,7 @@ SAID = {  # what is read, and a pattern of what is said of it
     "desired rolls": made(vector("Des{}", 0 * GYR, YPR) | ANGLES, euler="ZYX",
                           angle_unit="rad"),
     "angles that are named in another order": made(ANGLES, columns=[*YPR], euler="XYZ",
-        angle_unit="rad", truth=Rotation.from_euler("XYZ", makers.EULER), says="the headers state another order"),
+        angle_unit="rad", truth=Rotation.from_euler("XYZ", makers.EULER), says="the file states another order"),
     "an accelerometer": made(vector("Accelerometer {}", makers.ACC) | vector("rv {}", R.as_rotvec()),
                              rotation_vector=True, says="^orientation: rotation vector, rad: rv x, rv y, rv z; "),
     "comments": made(text({"time": T, **PLAIN}, between=["# paused, and resumed, twice, by hand, at noon", "// on"]),
@@ -379,6 +383,10 @@ SAID = {  # what is read, and a pattern of what is said of it
     **{f"a body, {form}": made(OTHER_ARM | quat(form), body=re.split(r"[_ .q{]", form)[0]) for form in FORMS},
     **{f"a body, {form}": made(OTHER_ARM | matrix(form), body="Upper")
        for form in ("Upper_{}{}", "Upper_r{}{}", "Upper_m_{}{}")},
+    "a time in two columns, by their names": made(text({"Time": T + 1e-3 * np.sin(T), "stamp.secs": 10**9 + MS // 1000,
+        "stamp.nsecs": MS % 1000 * 10**6, **PLAIN}), time_column="stamp.secs and stamp.nsecs"),
+    "a matrix that is called T": made(matrix("T{}{}", 0)),
+    "letters in brackets": made(quat("HIP ({})", values=Q) | quat("HEAD ({})"), body="head"),
     "a time beside one that is not understood": made(text({"epoc (ms)": 1_683_188_000_000 + MS, **DOTTED, **PLAIN}),
         says=r"^[^=]*not used: the column 'timestamp \(\+0200\)' holds '2023-05-04T10.11.12'[^=]*$"),
     "a rate, and a word": made(text({"time": ["tick"] * N, **PLAIN}), rate=50,

@@ -447,7 +447,7 @@ def test_a_target_finds_the_order_whatever_the_file_has(here, monkeypatch):
     here(BODY + START + '[time]\nt_end = 20\nstep = 0.01\n[integrator]\nname = "gauss"\norder = 4\n')
     ticks = iter([0, 0.2, 0.2, 0.3, 0.3, 0.25 + 0.1])  # three runs, of 200, 100 and 50 ms
     with monkeypatch.context() as patch:
-        patch.setattr("nontwist.comparison.reference.perf_counter", lambda: next(ticks))
+        patch.setattr("nontwist.comparison.comparing.perf_counter", lambda: next(ticks))
         numbers = numbers_of(*TARGET)
     assert numbers["seconds"] == pytest.approx(0.05)
     assert numbers | {"seconds": 0} == found | {"seconds": 0}
@@ -467,7 +467,7 @@ def test_a_target_finds_the_order_whatever_the_file_has(here, monkeypatch):
 def test_the_time_of_a_target_is_that_of_a_run_with_the_output_of_the_file(here, monkeypatch):
     here(BODY + START + "[time]\nt_end = 20\nstep = 0.01\ntimes = { every = 0.004 }\n")
     timed = []
-    place = "nontwist.comparison.reference.shortest_times"
+    place = "nontwist.comparison.comparing.shortest_times"
     monkeypatch.setattr(place, lambda calls, repeats: {key: timed.append(call()) or 1.0 for key, call in calls.items()})
     assert "│ 1000 ms, storing what FILE stores" in nontwist(*TARGET).stdout
     (run,) = timed

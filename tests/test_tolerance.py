@@ -178,6 +178,24 @@ def test_an_undeclared_kink_is_told():
     assert run.material_angular_velocity[-1, 0] == pytest.approx((2 * SWITCH - 1) / 3, abs=1e-13)
 
 
+@pytest.mark.filterwarnings("ignore:1 of 2 members", "ignore:2 of 2 members")
+def test_members_that_meet_a_jump_do_not_stop_the_others():
+    """A thruster about d3 that stops at 0.1 rad/s, beside a moment of time under which W_3 is known."""
+
+    def law(t, d, w):
+        moment = np.where(d[2] @ w < 0.1, 0.5, 0.0) + 0.4 * np.sin(2.5 * t)
+        return moment * d[2]
+
+    how = {"t_end": 40.0, "load": nt.moment(law, compiled=True)}
+    for other, last in ((0.2, 0.2 + 0.4 / 150 * (1 - np.cos(100))), (0.03, np.nan)):
+        many = nt.simulate_ensemble(
+            nt.standard([40, 50, 60]), material_angular_velocity=[(0, 0, 0.0468), (0, 0, other)], **how
+        )
+        assert many.status.values.tolist() == [Status.JUMP, Status.JUMP if np.isnan(last) else Status.OK]
+        found = many.material_angular_velocity.values[1, -1, 2]
+        assert found == pytest.approx(last, abs=1e-12, nan_ok=True)
+
+
 def test_what_saturates_with_the_state_is_told_and_is_within_its_tolerance_once_it_is_smooth():
     def clipped(t, directors, w):
         return -0.2 * np.minimum(np.maximum(5 * w, -1), 1)

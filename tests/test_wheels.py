@@ -354,6 +354,19 @@ def test_a_jump_beside_or_of_a_wheel_is_named(name):
     assert all(said in str(failed.value) for said in (x, y, instead))
 
 
+def test_a_motor_is_switched_off_by_continuing():
+    """Momenta continue, and the states of others, whatever works and losses are known; of joined runs as well."""
+    wheel, lag = partial(nt.wheel, "z", 0.05), nt.memory_load(lambda t, z, d, w: w[:1] - z, lambda *_: (0, 0, 0), 0.5)
+    runs = [nt.simulate(nt.standard(J), t_end=1, load=wheel(100, 0.2) + lag, material_angular_velocity=W0)]
+    for t, own in enumerate([wheel(), wheel(viscous=0.01), wheel(torque=0.1)], start=2):
+        runs += [nt.simulate(nt.standard(J), t_end=t, load=own + lag, start=nt.join_runs(*runs))]
+        for k in (0, -1):  # h, and the lag
+            assert runs[-2].internal_state.values[-1][k] == runs[-1].internal_state.values[0][k]
+        assert not {*runs[-1].internal_state.values[0, 1:-1]} - {0.0}
+    with warned("start-other-memory"), pytest.raises(ValueError, match="number of wheels, 1, than"):
+        nt.simulate(nt.standard(J), t_end=t + 1, load=wheel() + wheel(), start=runs[-1])
+
+
 def test_a_run_whose_wheels_do_not_go_on_is_named():
     """Wheels that the load lacks or has otherwise, states that a run has lost, motions without velocities."""
     body, own, W = nt.standard(J), nt.wheel("z", 0.05, speed=100), {"material_angular_velocity": W0}

@@ -15,7 +15,7 @@ MOMENT |= {"kgfm": 9.80665, "kgfcm": 0.0980665, "gfcm": 9.80665e-5}
 MOMENTUM = {"Nms": 1.0, "kgm2/s": 1.0, "mNms": 1e-3, "µNms": 1e-6}
 OTHER = "no_units|nounits|n/a|-|g|m/s2|ut|mt|degc|°c|kpa|hpa|pa|m|mm|"  # of columns that are not read
 SPELLED = (
-    (r"[\s·⋅*.^()_\[\]]", ""), ("º", "°"), ("⁻¹", "-1"), ("²", "2"), ("−", "-"), ("μ", "µ"),
+    (r"^in\s+(?!lb|oz)", ""), (r"[\s·⋅*.^()_\[\]]", ""), ("º", "°"), ("⁻¹", "-1"), ("²", "2"), ("−", "-"), ("μ", "µ"),
     (r"degrees?|°", "deg"), (r"radians?", "rad"), (r"(?<!m)(?<!u)(?<!n)sec(?:onds?|s)?$", "s"), ("per", "/"),
     (r"milli(?:s(?:ec(?:onds?)?)?)?$|msecs?$", "ms"), (r"micro(?:s(?:ec(?:onds?)?)?)?$|usecs?$", "us"),
     (r"nano(?:s(?:ec(?:onds?)?)?)?$|nsecs?$", "ns"), ("minutes?$", "min"), ("hours?$", "h"), ("days$", "day"),
@@ -44,8 +44,10 @@ def is_unit(text: str) -> bool:
 
 
 def split_unit(header: str) -> tuple[str, str | None]:
-    """Return the name of a column and the unit in brackets at its end, also ``(deg).1``; an index ``[1]`` is none."""
-    match = re.match(r"^(.*?)\s*[\[(]\s*((?=[^\[\]]*[^\d\s\[\]()])[^\[\]]*?)[\])]\s*(\.\d+)?$", header.strip())
+    """Return the name of a column and the unit in brackets at its end, also ``(deg).1``; none are ``[1]``, ``(w)``."""
+    match = re.match(
+        r"^(.*?)\s*[\[(]\s*(?![wxyzWXYZ]\s*[\])])((?=[^\[\]]*[^\d\s\[\]()])[^\[\]]*?)[\])]\s*(\.\d+)?$", header.strip()
+    )
     return (match[1], match[2].strip()) if match else (header.strip(), None)
 
 

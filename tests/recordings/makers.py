@@ -419,6 +419,13 @@ def made(
     return Made(content, file, options, truth, times, within, exact, encoding, inner, says, missing)
 
 
+def aem(second):
+    """Two segments of a CCSDS attitude ephemeris, the second relative to another frame perhaps."""
+    head = "META_START\nREF_FRAME_A = ICRF\nQUATERNION_TYPE = FIRST\nMETA_STOP\nDATA_START\nCOMMENT a star tracker\n"
+    rows = text({"t": T, **quat("q{}")}, " ", headers=False).splitlines(keepends=True)
+    return head + "".join(rows[:9]) + "DATA_STOP\n" + head.replace("ICRF", second) + "".join(rows[9:])
+
+
 # the library that writes and reads a format, by its suffix; folders are bags
 LIBRARIES = {".c3d": "ezc3d", ".bag": "rosbags", "": "rosbags", ".tm": "spiceypy"}
 

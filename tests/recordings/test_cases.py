@@ -241,6 +241,9 @@ SIBLINGS = {
     "ArduPilot, a temperature": made(text({"timestamp": T, "T": [25.5] * N, **PLAIN})),
     "STK": made(text({"t": T, **PLAIN}, " ", head="BEGIN Attitude\nAttitudeTimeQuaternions\n", headers=False)
         + "\nEND Attitude\n", scalar_first=True),
+    "CCSDS": made(makers.aem("ICRF"), says="REF_FRAME_A = ICRF"),
+    "CCSDS, the other order": made(makers.aem("ICRF"), scalar_first=False, truth=Rotation.from_quat(makers.WXYZ),
+        says="the file states another order"),
     "MATLAB, names of months": made(clocked("time", [f"{d:%d-%b-%Y %H:%M:%S.%f}" for d in DATES])),
     "CCSDS, days of the year": made(clocked("time", [f"{d:%Y-%jT%H:%M:%S.%f}" for d in DATES])),
     "OpenSim, forces of two plates": made(text({"time": T, **vector("r{}", R.as_euler("XYZ", degrees=True)), "f": T,
@@ -290,6 +293,7 @@ RATES = {
     "B10, sibling: counts": (counts(), GYR, r"LSB|0\.0175", 2e-4),
     "B11, x-axis (deg/s)": (text({"time": T, **vector("{}-axis (deg/s)", np.degrees(GYR))}), GYR, "", 1e-9),
     "B11, rad s^-1": (text({"time": T, **vector("w_RS_S_{} [rad s^-1]", GYR)}), GYR, "", 1e-9),
+    "in radians/s": (text({"time": T, **vector("{} (in radians/s)", GYR)}), GYR, "", 1e-9),
     "EuRoC, a bias": (text({"time": T, **vector("b_w_RS_S_{} [rad s^-1]", BIAS)}), None, "no columns contain", 0),
     "Shimmer, tabs at the ends": (TABBED.replace("\n", "\t\n"), GYR, "", 1e-9),
     "units below": (

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from ..geometry.arrays import Array, as_array, as_floats, require_finite
 from ..geometry.attitudes import without_jumps
 from ..loads.kinds import load_in_words
+from ..loads.memory import carried_on, recorded_wheels
 from .datasets import RUN, as_dataset, recorded
 from .trajectory import Trajectory
 
@@ -68,11 +69,13 @@ def join_runs(*runs: xarray.Dataset) -> xarray.Dataset:
         _require_seam(one, other, k)
     names = [str(name) for name in runs[0].data_vars if all(name in run for run in runs)]
     parts = [run[names].isel(time=slice(int(k > 0), None)) for k, run in enumerate(runs)]
-    found = dict[str, Any]()
+    found, wheels = dict[str, Any](), [recorded_wheels(recorded(run, "load")) for run in runs]
     for name in names:
         dims = runs[0][name].dims
         moving = next((dim for dim in ("time", "midtime", "event") if dim in dims), None)
         arrays = [part[name].transpose(*dims).values for part in parts]
+        if name == "internal_state":
+            arrays = [carried_on(z, had, wheels[-1]) for z, had in zip(arrays, wheels, strict=True)]
         array = arrays[0] if moving is None else np.concatenate(arrays, axis=dims.index(moving))
         found[name] = (dims, without_jumps(array) if name == "quaternion" else array, runs[0][name].attrs)
     along = dict[str, Any]()

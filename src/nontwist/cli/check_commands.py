@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 import os
-import sys
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -21,9 +20,9 @@ from ..errors import RunFileError
 from ..geometry.values import number_text
 from ..io.whole import require_free, written
 from ..validation import GROUPS
-from .options import Force, Json, OneRunFile, Opt, Overrides, Quiet, RunFiles, refuse, require_folder, require_suffix
+from .options import Answer, Force, OneRunFile, Opt, Overrides, Quiet, RunFiles, refuse, require_folder, require_suffix
 from .outcomes import BAD_DATA, DIFFERS, SOLVER, CommandError, on_file
-from .printing import in_words, print_fitting, print_rows, print_table, say, say_next, say_written, show, shown_unit
+from .printing import print_fitting, print_rows, print_table, say, say_next, say_written, show, shown_unit
 from .run_commands import estimate_words, forecast_rows, read_all, read_one
 
 if TYPE_CHECKING:
@@ -41,7 +40,7 @@ TARGET = (
 NOISE = 1e-12  # of the difference of two runs in the nine director components: below it no order can be seen
 
 
-def check_command(files: RunFiles, overrides: Overrides = None, as_json: Json = False, quiet: Quiet = False) -> None:
+def check_command(files: RunFiles, overrides: Overrides = None, *, answer: Quiet) -> None:
     """Validate FILEs and preview each run without running it.
 
     Warns where the step is coarse. Exits with status 3 if a file is invalid.
@@ -62,7 +61,7 @@ def check_command(files: RunFiles, overrides: Overrides = None, as_json: Json = 
             say(f"{path}: warning: {warning}", "yellow")
         told = [problem._asdict() for problem in problems]
         numbers = expected and {key: value for key, value in expected._asdict().items() if key != "problems"}
-        is_read = in_words({"file": str(path), "problems": told, "forecast": numbers}, as_json, quiet)
+        is_read = answer.in_words({"file": str(path), "problems": told, "forecast": numbers})
         if is_read and expected is not None and not problems:
             print_rows(f"{path} is valid", forecast_rows(run_file, expected))
             command = "run" if run_file.sweep is None else "sweep"
@@ -76,8 +75,8 @@ def precision_command(
     file: OneRunFile,
     overrides: Overrides = None,
     target: Annotated[float | None, Opt(TARGET, "RADIANS")] = None,
-    as_json: Json = False,
-    quiet: Quiet = False,
+    *,
+    answer: Quiet,
 ) -> None:
     """Run FILE with its step h, h/2 and h/4; print the second quotient and the observed order.
 
@@ -96,18 +95,17 @@ def precision_command(
         name = prepared.plan.scheme.name
         raise CommandError(f'{file}: integrator.name: "{name}" -> one that steps: {known}', BAD_DATA)
     if target is not None:
-        print_target(file, whole, target, given, as_json, quiet)
+        print_target(file, whole, target, given, answer)
         return
-    bar = not quiet and sys.stderr.isatty()
     with on_file(file):
-        first = prepared.run(bar)
+        first = prepared.run(answer.bar)
         with catch_warnings():
             simplefilter("ignore")  # of the same as the first
-            finer = [prepared.refined(first, n).run(bar) for n in (2, 4)]
-            again = replace(prepared.refined(first, 1), begin=moved(prepared.begin)).run(bar)
+            finer = [prepared.refined(first, n).run(answer.bar) for n in (2, 4)]
+            again = replace(prepared.refined(first, 1), begin=moved(prepared.begin)).run(answer.bar)
             other, *runs = map(dataset_of, (again, first, *finer))
     numbers = {"file": str(file), **measured(runs, other, first.integrator.order)}  # type: ignore[attr-defined]
-    if in_words(numbers, as_json, quiet):
+    if answer.in_words(numbers):
         print_precision(numbers)
     if not numbers["agrees"]:
         raise typer.Exit(DIFFERS)
@@ -124,9 +122,9 @@ def _aimed(file: Path, overrides: list[str], target: float) -> list[str]:
     return [*found, f"time.tolerance={target!r}"]
 
 
-def print_target(file: Path, whole: Prepared, target: float, given: list[str], as_json: bool, quiet: bool) -> None:
+def print_target(file: Path, whole: Prepared, target: float, given: list[str], answer: Answer) -> None:
     """Print the order and the step that reach an error, and the time of such a run; `given`: with these overrides."""
-    from ..comparison.reference import shortest_times
+    from ..comparison.comparing import shortest_times
     from ..runfile.files import document
 
     prepared = whole.on_grid
@@ -149,7 +147,7 @@ def print_target(file: Path, whole: Prepared, target: float, given: list[str], a
         "error_estimate": found.error_estimate,
         "seconds": seconds,
     }
-    if in_words(numbers, as_json, quiet):
+    if answer.in_words(numbers):
         span = grid.borders[-1] - grid.borders[0]
         swept = "sweep" in document(str(file), file.read_bytes())  # its members take one step
         many, chosen = "no step was found that fits the breakpoints; move them to a common grid", list[str]()
@@ -249,9 +247,8 @@ def compare_command(
         Path | None, Opt("Draw the work-precision diagram to this file (.pdf, .png, .svg).", "PATH")
     ] = None,
     against: Annotated[Literal["seconds", "steps"], AGAINST] = "seconds",
-    force: Force = False,
-    as_json: Json = False,
-    quiet: Quiet = False,
+    *,
+    answer: Answer,
 ) -> None:
     """Compare integrators on the problem of FILE: errors, measured orders, drifts, run times.
 
@@ -263,13 +260,10 @@ def compare_command(
     problem = read_one(file, overrides).problem.replace(times=None, events=None)
     chosen = [_choice(name) for name in integrators] if integrators else None
     if figure is not None:
-        require_places(figure, force=force)
+        require_places(figure, force=answer.force)
     with on_file(file):
-        bar = not quiet and sys.stderr.isatty()
-        found = nontwist.compare(problem, integrators=chosen, steps=steps, progress=bar)
-    is_read = in_words(
-        {"file": str(file), "reference": found.attrs["reference"], "runs": _rows_of(found)}, as_json, quiet
-    )
+        found = nontwist.compare(problem, integrators=chosen, steps=steps, progress=answer.bar)
+    is_read = answer.in_words({"file": str(file), "reference": found.attrs["reference"], "runs": _rows_of(found)})
     if is_read:
         if every:
             print_fitting(nontwist.comparison.table(found))
@@ -282,7 +276,7 @@ def compare_command(
     if is_read:
         say_next(("precision", file), ("run", file), sets=overrides)
     if figure is not None:
-        nontwist.plot.save(nontwist.plot.work_precision(found, against=against), figure, force=force)
+        nontwist.plot.save(nontwist.plot.work_precision(found, against=against), figure, force=answer.force)
         say_written([figure])
 
 

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import inspect
+import json
 import re
 import shlex
 import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, is_dataclass
 from functools import wraps
 from importlib import import_module
 from pathlib import Path
@@ -20,7 +21,7 @@ from typer.core import TyperCommand
 from ..errors import InputError, ShellOptions
 from ..recordings.options import ReadOptions
 from ..spec import Spec, specs
-from .printing import imported
+from .printing import imported, say_written
 
 # How help is laid out: plain text, in lines that are broken between words only, never within a name or an option.
 #
@@ -166,35 +167,6 @@ class Opt(Spec):
     check: Callable[..., Any] | None = None
 
 
-@dataclass(frozen=True)
-class Reading:
-    """What a parameter of a command means that takes options of `ReadOptions`: those of `names`, by default all.
-
-    `words` are descriptions in place of theirs.
-    """
-
-    names: tuple[str, ...] = tuple(specs(ReadOptions))
-    words: Mapping[str, str] = field(default_factory=dict)
-
-    def parameters(self) -> Iterator[inspect.Parameter]:
-        """Yield a parameter of a command for each option."""
-        for name in self.names:
-            kind, default, spec = specs(ReadOptions)[name]
-            kind = Optional[str] if name == "columns" else kind  # noqa: UP045
-            yield _option(name, kind, default, replace(spec, text=self.words.get(name, spec.text)))
-
-    def read(self, given: dict[str, Any]) -> dict[str, Any]:
-        """Return how a recording is read, taken out of the values of a command; a BadParameter where it cannot be."""
-        reading = {name: given.pop(name) for name in self.names}
-        if reading.get("columns") is not None:
-            reading["columns"] = names_of(reading["columns"])
-        try:
-            ReadOptions(**reading)
-        except InputError as error:
-            raise BadParameter(error.worded(SHELL)) from error
-        return reading
-
-
 def names_of(text: str | None) -> list[str] | None:
     """Return the names of a text that separates them by commas, None where there is none."""
     return [name.strip() for name in text.split(",")] if text else None
@@ -209,32 +181,39 @@ IMPORT = Opt(
 )
 
 
-def _option(name: str, kind: Any, default: Any, spec: Spec) -> inspect.Parameter:
-    """Return a parameter as Typer reads it."""
+def _option(name: str, kind: Any, default: Any, spec: Spec, words: str = "") -> inspect.Parameter:
+    """Return a parameter as Typer reads it, by default with its own words; of a list of names it is a text."""
     own = spec if isinstance(spec, Opt) else Opt(**vars(spec))
-    words = [one for part in (kind, *get_args(kind)) if get_origin(part) is Literal for one in get_args(part)]
+    kinds = (kind, *get_args(kind))
+    choices = [one for part in kinds if get_origin(part) is Literal for one in get_args(part)]
     about = typer.Option(
-        own.option or f"--{name.replace('_', '-')}",
-        metavar=own.metavar or "|".join(words) or None,
-        help=own.text.format(option=SHELL),
+        *(own.option or f"--{name.replace('_', '-')}").split(),
+        metavar=own.metavar or "|".join(choices) or None,
+        help=words or own.text.format(option=SHELL),
         show_default=own.default or True,
         min=own.least,
         max=own.most,
         parser=own.parser,
-        callback=own.check,
+        callback=names_of if Sequence[str] in kinds else own.check,
     )
-    return inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=Annotated[kind, about])
+    form: Any = Optional[str] if Sequence[str] in kinds else kind  # noqa: UP045
+    return inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=Annotated[form, about])
 
 
 def command(function: Callable[..., None]) -> Callable[..., None]:
-    """Return a command with the options that the descriptions of its parameters make, --debug and --import."""
+    """Return a command with the options that the descriptions of its parameters make, --debug and --import.
+
+    A parameter that is a record stands for options: its fields, or those among them that it names with other words.
+    """
     hints = get_type_hints(function, include_extras=True)
-    made, reading = list[inspect.Parameter](), dict[str, Reading]()
+    made, records = list[inspect.Parameter](), dict[str, tuple[Any, list[str]]]()
     for name, one in inspect.signature(function).parameters.items():
         kind, *about = get_args(hints[name]) or (hints[name],)
-        if about and isinstance(about[0], Reading):
-            made += about[0].parameters()
-            reading[name] = about[0]
+        if isinstance(kind, type) and is_dataclass(kind):
+            words = about[0] if about else dict.fromkeys(specs(kind), "")
+            own = {key: one for key, one in specs(kind).items() if key in words}
+            made += [_option(key, *one, words[key]) for key, one in own.items()]
+            records[name] = kind, [*own]
         elif about and isinstance(about[0], Spec):
             made.append(_option(name, kind, one.default, about[0]))
         else:
@@ -244,7 +223,11 @@ def command(function: Callable[..., None]) -> Callable[..., None]:
 
     @wraps(function)
     def called(*, debug: bool, modules: Any, **given: Any) -> None:
-        function(**{name: one.read(given) for name, one in reading.items()}, **given)
+        try:
+            found = {name: kind(**{key: given.pop(key) for key in own}) for name, (kind, own) in records.items()}
+        except InputError as error:
+            raise BadParameter(error.worded(SHELL)) from error
+        function(**found, **given)
 
     called.__signature__ = inspect.Signature(made)  # type: ignore[attr-defined]
     called.__annotations__ = {one.name: one.annotation for one in made}
@@ -269,11 +252,40 @@ Overrides = Annotated[
 RunFiles = Annotated[list[Path], argument("FILE", "Run files (TOML).")]
 OneRunFile = Annotated[Path, argument("FILE", "A run file (TOML).")]
 Force = Annotated[bool, Opt("Overwrite existing files.")]
-Json = Annotated[bool, Opt("Print one JSON object per line.", option="--json")]
-Quiet = Annotated[
-    bool, typer.Option("--quiet", "-q", help="Print no results and no progress; warnings and --json are still printed.")
-]
 DecimalComma = Annotated[bool, Opt("Write CSV with decimal commas, and semicolons between columns.")]
+
+
+@dataclass(frozen=True)
+class Answer:
+    """How a command answers: over existing files, with one line of JSON, quietly."""
+
+    force: Force = False
+    json: Annotated[bool, Opt("Print one JSON object per line.")] = False
+    quiet: Annotated[
+        bool, Opt("Print no results and no progress; warnings and --json are still printed.", option="--quiet -q")
+    ] = False
+
+    @property
+    def bar(self) -> bool:
+        """Whether progress is shown."""
+        return not self.quiet and sys.stderr.isatty()
+
+    def in_words(self, numbers: dict[str, Any]) -> bool:
+        """Print what a command has found as one line of JSON where that is asked for; return whether people read it."""
+        from ..io.results import finite
+
+        if self.json:
+            print(json.dumps(finite(numbers), allow_nan=False))
+        return not (self.json or self.quiet)
+
+    def written(self, places: Iterable[object], *commands: Sequence[object]) -> None:
+        """Say which files were written, and what may be typed next."""
+        if not self.quiet:
+            say_written(places, *commands)
+
+
+AsJson = Annotated[Answer, {"json": ""}]
+Quiet = Annotated[Answer, {"json": "", "quiet": ""}]
 
 
 def read_otherwise(ctx: typer.Context, file: str, text: str) -> dict[str, Any]:
@@ -307,7 +319,7 @@ def given_again(ctx: typer.Context, names: Iterable[str]) -> list[str]:
     for option in (one for one in given(ctx) if one.name in names):
         value = ctx.params[option.name]
         words.append((option.secondary_opts if value is False else option.opts)[0])
-        words += [] if isinstance(value, bool) else [str(value)]
+        words += [] if isinstance(value, bool) else [",".join(value) if isinstance(value, list) else str(value)]
     return words
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 import shlex
 import warnings
@@ -85,15 +84,6 @@ def say_next(*commands: Sequence[object], sets: Sequence[str] | None = None, don
 def say_written(places: Iterable[object], *commands: Sequence[object]) -> None:
     """Say which files were written, and what may be typed next."""
     say_next(*commands, done=f"written: {', '.join(map(str, places))}")
-
-
-def in_words(numbers: dict[str, Any], as_json: bool, quiet: bool = False) -> bool:
-    """Print what a command has found as one line of JSON where that is asked for; return whether people read it."""
-    from ..io.results import finite
-
-    if as_json:
-        print(json.dumps(finite(numbers), allow_nan=False))
-    return not (as_json or quiet)
 
 
 def print_variables(variables: Mapping[str, Mapping[str, Any]], spare: tuple[str, ...], **more: list[str]) -> None:

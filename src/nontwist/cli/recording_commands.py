@@ -17,13 +17,11 @@ import nontwist
 from ..errors import SENTENCES, InputError, ShellOptions
 from ..geometry.values import error_place, error_text, number_text, text_to_place
 from ..io.whole import require_free, written
+from ..recordings.options import ReadOptions
 from .options import (
+    Answer,
     DecimalComma,
-    Force,
-    Json,
     Opt,
-    Quiet,
-    Reading,
     argument,
     looks_like_a_file,
     names_of,
@@ -33,7 +31,7 @@ from .options import (
     settings,
 )
 from .outcomes import BAD_DATA, CommandError, about, require_readable
-from .printing import in_words, print_rows, say, say_written
+from .printing import print_rows, say
 
 if TYPE_CHECKING:
     import xarray
@@ -80,7 +78,7 @@ def twist_command(
     axis: Annotated[Any, Opt('Axis: x, y, z, or three numbers "0.1,0.2,0.97".', "AXIS", parser=parse_axis)] = "z",
     axis_frame: Annotated[Literal["body", "space"], Opt("Whether the axis is fixed in the body or in space.")] = "body",
     *,
-    reading: Annotated[dict[str, Any], Reading()],
+    reading: ReadOptions,
     relative_to: Annotated[str | None, SECOND] = None,
     relative_options: Annotated[str | None, SECOND_READ] = None,
     relative_columns: Annotated[str | None, Opt("Columns of the second sensor, in FILE or DATA.", "HEADERS")] = None,
@@ -95,9 +93,7 @@ def twist_command(
     csv: Annotated[bool, Opt("Also write the curves to NAME.csv.")] = False,
     decimal_comma: DecimalComma = False,
     figure: Annotated[bool, Opt("Draw NAME.pdf and NAME.png.", option="--figure/--no-figure")] = True,
-    force: Force = False,
-    as_json: Json = False,
-    quiet: Quiet = False,
+    answer: Answer,
 ) -> None:
     """Measure the twist of a recorded motion about an axis, with swing-twist angle, solid angle and error estimates.
 
@@ -120,9 +116,9 @@ def twist_command(
     for place in places.values():
         is_read = place.exists() and any(place.samefile(one) for one in read)
         refuse((is_read, "--out", f"{place} is the recording itself; choose another name"))
-    require_free(*places.values(), force=force)
+    require_free(*places.values(), force=answer.force)
     with about(f"cannot read {data}", OSError), about(data, ValueError):
-        motion = nontwist.read_motion(sys.stdin if data == "-" else data, **reading)
+        motion = nontwist.read_motion(sys.stdin if data == "-" else data, **vars(reading))
     lone = relative_options is not None and relative_to is None
     refuse(
         (lone, "--relative-options", "there is no second file: --relative-to FILE"),
@@ -133,7 +129,7 @@ def twist_command(
     )
     other = None
     if second is not None:
-        own = dict(reading) if relative_options is None else read_otherwise(ctx, second, relative_options)
+        own = dict(vars(reading)) if relative_options is None else read_otherwise(ctx, second, relative_options)
         own |= {"columns": names_of(relative_columns), "body": relative_body}
         with about(f"cannot read {second}", OSError), about(second, ValueError), _of_the_second(second, relative_to):
             other = nontwist.read_motion(second, **own)
@@ -153,11 +149,10 @@ def twist_command(
     if other is not None:
         result.attrs["relative_to"] = f"{second}: {other.attrs['notes']}"
     del motion, other  # makes room: the file is made in memory
-    _write(result, places, degrees, decimal_comma, force)
-    if in_words({"file": data, **facts(result)}, as_json, quiet):
+    _write(result, places, degrees, decimal_comma, answer.force)
+    if answer.in_words({"file": data, **facts(result)}):
         summary(result, degrees)
-    if not quiet:
-        say_written(places.values(), ("view", places[".nc"]))
+    answer.written(places.values(), ("view", places[".nc"]))
 
 
 def _named(out: Path) -> Path:
@@ -328,14 +323,12 @@ SETTINGS = {
     ),
     "constraint": Opt("The body may not turn about its axis x, y, z, or X,Y,Z: W·n = 0.", "AXIS"),
 }
-GYROSCOPE = Reading(
-    ("columns", "time_column", "body", "time_unit", "rate"),
-    {
-        "columns": "Columns to use, separated by commas: [TIME,] 3 of the angular velocity.",
-        "body": "Which of several sensors to use: a value of the column that names the sensor of each row, or the "
-        "common beginning of its headers.",
-    },
-)
+GYROSCOPE = {
+    **dict.fromkeys(("time_column", "time_unit", "rate"), ""),
+    "columns": "Columns to use, separated by commas: [TIME,] 3 of the angular velocity.",
+    "body": "Which of several sensors to use: a value of the column that names the sensor of each row, or the common "
+    "beginning of its headers.",
+}
 UNIT = Opt("Unit of angular velocities, if their headers do not name it: rad/s, deg/s.", "UNIT")
 BIAS = Opt("Prior standard deviation of the gyroscope's bias.", "RAD/S", least=1e-12)
 SCALE = Opt("Prior standard deviation of its scale: 0.01 for 1 %.", "RATIO", least=1e-12)
@@ -355,7 +348,7 @@ def fit_command(
     unphysical: Annotated[bool, Opt("Also accept a J with a moment larger than the sum of the others.")] = False,
     orientation: Annotated[str | None, SETTINGS["orientation"]] = None,
     *,
-    reading: Annotated[dict[str, Any], GYROSCOPE],
+    reading: Annotated[ReadOptions, GYROSCOPE],
     unit: Annotated[str | None, UNIT] = None,
     bias: Annotated[float, BIAS] = 0.02,
     scale: Annotated[float, SCALE] = 0.01,
@@ -370,9 +363,7 @@ def fit_command(
     figure: Annotated[
         Path | None, Opt("Draw data, model, residuals and moments of the first recording: .pdf, .svg, .png.", "PATH")
     ] = None,
-    force: Force = False,
-    as_json: Json = False,
-    quiet: Quiet = False,
+    answer: Answer,
 ) -> None:
     """Estimate the inertia of a body from recordings of its motion: moments, principal axes, 95 % intervals.
 
@@ -392,28 +383,28 @@ def fit_command(
     for one in data:
         require_readable(Path(one), "a recording")
     if out is not None:
-        require_free(out, force=force)
+        require_free(out, force=answer.force)
     if figure is not None:
-        require_places(figure, force=force)
+        require_places(figure, force=answer.force)
     interval: Any = "all" if everything else None if first is None else (first, last)
     what: Any = [sys.stdin if one == "-" else one for one in data]
     words = (gravity, rotor, orientation, delay, misalignment, axis_scales, damping, constraint)
     acting = {name: settings(text, name) for name, text in zip(SETTINGS, words, strict=True)}
-    how: Any = {"bias": bias, "scale": scale, "noise": noise, "loss": loss, "unit": unit, **reading, **acting}
-    how["physical"] = not unphysical
+    how: Any = {"bias": bias, "scale": scale, "noise": noise, "loss": loss, "unit": unit, **acting}
+    how |= {"physical": not unphysical, **{name: getattr(reading, name) for name in GYROSCOPE}}
     fit = nontwist.fit_inertia(what if len(what) > 1 else what[0], interval=interval, **how)
-    if in_words({"files": data, **fit.numbers()}, as_json, quiet):
+    if answer.in_words({"files": data, **fit.numbers()}):
         print_rows(f"inertia of {', '.join(data)}", fit.table())
     made = []
     if figure is not None:
-        nontwist.plot.save(fit.plot(), figure, force=force)
+        nontwist.plot.save(fit.plot(), figure, force=answer.force)
         made.append(figure)
     done = fit.is_explained and not fit.untold
     if out is not None and done:
-        fit.problem().write(out, force=force)
+        fit.problem().write(out, force=answer.force)
         made.append(out)
-    if made and not quiet:
-        say_written(made)
+    if made:
+        answer.written(made)
     if out is not None and not done:
         undetermined = "the recordings do not determine the inertia"
         why = undetermined if fit.untold else "the model does not explain the recordings"

@@ -15,9 +15,9 @@ import nontwist
 from ..errors import ResultFileError
 from ..geometry.values import nearest, number_text
 from ..io.whole import require_free, written
-from .options import DecimalComma, Force, Json, Opt, argument, refuse, require_suffix
+from .options import AsJson, DecimalComma, Force, Opt, argument, refuse, require_suffix
 from .outcomes import require_readable
-from .printing import in_words, print_rows, print_variables, printed_warnings, say_next, say_written
+from .printing import print_rows, print_variables, printed_warnings, say_next, say_written
 from .run_commands import body_rows, invariants_kept, rows_of_run, steps_of, times_of_events
 
 if TYPE_CHECKING:
@@ -42,7 +42,7 @@ EULER = Opt("Add Euler angles and their rates: ZXZ about axes that turn with the
 FORMAT = Opt("Format.", default="from the suffix of --out, or csv")
 
 
-def info_command(result: Result, as_json: Json = False) -> None:
+def info_command(result: Result, answer: AsJson) -> None:
     """Describe RESULT: its contents, how it was made, how it ended, and the drifts of its invariants.
 
     Reads the whole file and verifies its checksum. Exits with status 3 if it does not contain a run, or has been
@@ -50,7 +50,7 @@ def info_command(result: Result, as_json: Json = False) -> None:
     """
     run = _opened(result)
     body = nontwist.DirectorSystem.from_json(run.attrs["system"]) if "system" in run.attrs else None
-    if in_words(found := _facts(run, result, body), as_json):
+    if answer.in_words(found := _facts(run, result, body)):
         _print(found, body)
 
 

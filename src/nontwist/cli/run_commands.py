@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import sys
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack, suppress
 from importlib.resources import files
@@ -20,9 +19,9 @@ import nontwist
 from ..errors import RunFileError, SimulationError, SimulationInterrupt
 from ..geometry.values import nearest, number_text
 from ..io.whole import require_free, written
-from .options import Force, Json, Opt, Overrides, Quiet, RunFiles, argument, refuse, require_folder, require_suffix
+from .options import Answer, Force, Opt, Overrides, RunFiles, argument, refuse, require_folder, require_suffix
 from .outcomes import BAD_DATA, INTERRUPTED, IO, SOLVER, CommandError, about, on_file
-from .printing import in_words, print_rows, say, say_next, say_written, shown_unit
+from .printing import print_rows, say, say_next, say_written, shown_unit
 from .view_commands import smooth
 
 if TYPE_CHECKING:
@@ -44,9 +43,8 @@ def run_command(
     overrides: Overrides = None,
     out: Annotated[Path | None, RESULTS] = None,
     figures: Annotated[bool, Opt("Draw momenta, energy and path next to the result.")] = False,
-    force: Force = False,
-    as_json: Json = False,
-    quiet: Quiet = False,
+    *,
+    answer: Answer,
 ) -> None:
     """Run FILEs: write each result (NetCDF) and its figures, and print a summary.
 
@@ -65,12 +63,12 @@ def run_command(
             message = f"{one} and {other} would both write {targets[other]}; give each an output.path of its own"
             raise CommandError(message, IO)
     figure_files = [place for path in files for name in drawn[path] for place in _figure_files(targets[path], name)]
-    require_free(*figure_files, force=force)
+    require_free(*figure_files, force=answer.force)
     complete = True
     with ExitStack() as held, sigterm_interrupts():
-        writes = {path: held.enter_context(reserved(target, force=force)) for path, target in targets.items()}
+        writes = {path: held.enter_context(reserved(target, force=answer.force)) for path, target in targets.items()}
         for path, run_file in run_files.items():
-            complete &= _run(run_file, path, targets[path], writes[path], drawn[path], force, as_json, quiet)
+            complete &= _run(run_file, path, targets[path], writes[path], drawn[path], answer)
     if not complete:
         raise typer.Exit(SOLVER)
 
@@ -117,23 +115,14 @@ def _target(path: Path, run_file: RunFile, out: Path | None, files: int) -> Path
     return out
 
 
-def _run(
-    run_file: RunFile,
-    path: Path,
-    target: Path,
-    write: Any,
-    figures: Sequence[str],
-    force: bool,
-    as_json: bool,
-    quiet: bool,
-) -> bool:
+def _run(run_file: RunFile, path: Path, target: Path, write: Any, figures: Sequence[str], answer: Answer) -> bool:
     """Run one file, write the result, print a summary; return whether the run was completed."""
     if run_file.sweep is not None:
         say(f"{path}: warning: the table [sweep] is ignored; nontwist sweep {path} runs all members", "yellow")
     started, stopped = perf_counter(), None
     with on_file(path):
         try:
-            run = nontwist.simulate(run_file.problem, progress=not quiet and sys.stderr.isatty())
+            run = nontwist.simulate(run_file.problem, progress=answer.bar)
         except (SimulationError, SimulationInterrupt) as error:
             stopped, run = error, error.partial.to_dataset().assign_attrs(run_file.record())
     seconds = perf_counter() - started
@@ -145,15 +134,14 @@ def _run(
         if figures:
             with suppress(ValueError, SimulationError):  # a load that ends here, or a step that fails
                 drawn = smooth(run, run_file.prepared.plan.load)
-        written += [figure for name in figures for figure in _draw(drawn, target, name, force)]
+        written += [figure for name in figures for figure in _draw(drawn, target, name, answer.force)]
     else:
         say(f"{path}: {stopped}", "red")
         say(f"{path}: the completed part, up to t = {float(run['time'][-1]):.12g} s, is saved in {target}", "red")
     numbers = {"file": str(path), "result": str(target), **run_numbers(run), "seconds": seconds}
-    if in_words(numbers | {"written": [*map(str, written)]}, as_json, quiet):
+    if answer.in_words(numbers | {"written": [*map(str, written)]}):
         print_rows(numbers["title"], run_rows(numbers))
-    if not quiet:
-        say_written(written, ("view", target), ("info", target))
+    answer.written(written, ("view", target), ("info", target))
     if isinstance(stopped, KeyboardInterrupt):
         raise typer.Exit(INTERRUPTED)
     return stopped is None

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import sys
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Annotated, Any
@@ -14,9 +13,9 @@ import nontwist
 
 from ..geometry.values import number_text
 from ..io.whole import require_free, written
-from .options import Force, Json, OneRunFile, Opt, Overrides, Quiet, argument, looks_like_a_file, refuse, require_suffix
+from .options import Answer, OneRunFile, Opt, Overrides, Quiet, argument, looks_like_a_file, refuse, require_suffix
 from .outcomes import DIFFERS, on_file
-from .printing import in_words, print_rows, print_table, print_variables, say, say_next, say_written
+from .printing import print_rows, print_table, print_variables, say, say_next, say_written
 from .run_commands import read_one
 
 if TYPE_CHECKING:
@@ -144,8 +143,8 @@ def sweep_command(
     dask: Annotated[str | None, DASK] = None,
     block: Annotated[int | None, BLOCK] = None,
     dry_run: Annotated[bool, Opt("Print members, blocks, bytes and time; write nothing.")] = False,
-    as_json: Json = False,
-    quiet: Quiet = False,
+    *,
+    answer: Quiet,
 ) -> None:
     """Run all members of FILE, a run file with a table [sweep], into a store (Zarr).
 
@@ -164,29 +163,28 @@ def sweep_command(
     if dry_run:
         with on_file(file):
             forecast = plan(Members(run_file), workers or cores(), block)
-        if in_words({"file": str(file), "store": str(store), **forecast._asdict()}, as_json):
+        if answer.in_words({"file": str(file), "store": str(store), **forecast._asdict()}):
             print_rows(f"{file}, dry run: {store} is not written", plan_rows(run_file, forecast))
             options = {"--out": store, "--workers": workers, "--dask": dask, "--block": block}
             given = [word for name, one in options.items() if one is not None for word in (name, one)]
             say_next(("sweep", file, *given), sets=overrides)
         return
-    begin, bar = perf_counter(), not quiet and sys.stderr.isatty()
+    begin = perf_counter()
     with sigterm_interrupts(), on_file(file):
-        many = nontwist.sweep(run_file, store, workers=workers, dask=dask, block=block, progress=bar)
+        many = nontwist.sweep(run_file, store, workers=workers, dask=dask, block=block, progress=answer.bar)
     seconds, failed = perf_counter() - begin, int((many["status"] != 0).sum())
     numbers = {"file": str(file), "store": str(store), "members": many.sizes["member"], "failed": failed}
-    if in_words(numbers | {"seconds": seconds}, as_json, quiet):
+    if answer.in_words(numbers | {"seconds": seconds}):
         taken = f"{number_text(seconds, '.3g')} s, with start-up"
         rows = {"store": str(store), "members": f"{numbers['members']}, {failed} failed", "time taken": taken}
         print_rows(many.attrs["title"], rows)
     if failed:
         whole = f"{failed} of {numbers['members']} members failed"
         say(f"warning: {whole}; nontwist sweep-show {store} lists the reasons", "yellow")
-    if not quiet:
-        say_written([store], ("sweep-show", store))
+    answer.written([store], ("sweep-show", store))
 
 
-def verify_command(store: Store, as_json: Json = False, quiet: Quiet = False) -> None:
+def verify_command(store: Store, answer: Quiet) -> None:
     """Verify STORE: hash every byte, count members, and name missing or damaged blocks.
 
     Exits with status 1 if there are such blocks; nontwist sweep computes only these again. Exits with status 3 if the
@@ -204,7 +202,7 @@ def verify_command(store: Store, as_json: Json = False, quiet: Quiet = False) ->
         say(f"{kept.blocks.name(k)}: damaged: {reason}", "red")
     damaged = {str(k): reason for k, reason in found.damaged.items()}
     numbers = {"store": str(store), **found._asdict(), "damaged": damaged, "complete": found.complete}
-    if in_words(numbers, as_json, quiet):
+    if answer.in_words(numbers):
         good = found.blocks - len(found.missing) - len(found.damaged)
         rows = {
             "members": f"{found.members}, {found.failed} failed",
@@ -224,8 +222,8 @@ def show_command(
     figure: Annotated[Path | None, FIGURE] = None,
     member: Annotated[int | None, Opt("Run this member again, in full.", "N", least=0)] = None,
     out: Annotated[Path | None, MEMBER] = None,
-    force: Force = False,
-    as_json: Json = False,
+    *,
+    answer: Annotated[Answer, {"force": "", "json": ""}],
 ) -> None:
     """Describe STORE: what was swept, what was stored, which members failed and why.
 
@@ -239,12 +237,12 @@ def show_command(
     refuse((wrong, "--plot", "give --plot KEY QUANTITY, or --plot KEY KEY2 QUANTITY"))
     if plotted:
         figure = figure or Path(f"{store.name.removesuffix('.zarr')}-{plotted[-1]}.png")
-        require_places(figure, force=force)
-        nontwist.plot.save(draw(store, plotted[:-1], plotted[-1]), figure, force=force)
+        require_places(figure, force=answer.force)
+        nontwist.plot.save(draw(store, plotted[:-1], plotted[-1]), figure, force=answer.force)
         say_written([figure])
     elif member is not None:
-        _rerun(store, member, out or Path(f"{member}.nc"), force)
-    elif in_words(facts := sweep_facts(store), as_json):
+        _rerun(store, member, out or Path(f"{member}.nc"), answer.force)
+    elif answer.in_words(facts := sweep_facts(store)):
         print_sweep(facts)
 
 

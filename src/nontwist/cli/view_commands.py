@@ -17,7 +17,7 @@ from ..errors import SimulationError
 from ..io.whole import require_free
 from ..recordings.options import ReadOptions
 from ..spec import specs
-from .options import Force, Opt, Reading, argument, given_again, numbers_of, refuse, require_suffix
+from .options import Force, Opt, argument, given_again, numbers_of, refuse, require_suffix
 from .outcomes import about, require_readable
 from .printing import say
 
@@ -76,7 +76,7 @@ def view_command(
     run: Annotated[Path, argument("RUN", "Run or twist result (NetCDF), or recording of any format.")],
     other: Annotated[Path | None, argument("[RUN2]", "Second run or recording, shown next to RUN.")] = None,
     *,
-    reading: Annotated[dict[str, Any], Reading()],
+    reading: ReadOptions,
     first: Annotated[float | None, Opt("Start of the part to show, s.", "T", "--from", default="the start")] = None,
     last: Annotated[float | None, Opt("End of the part to show, s.", "T", "--to", default="the end")] = None,
     out: Annotated[Path | None, Opt("Page to write (.html).", "PATH", default="RUN-view.html here")] = None,
@@ -157,7 +157,7 @@ def _is_result(path: Path) -> bool:
     return path.suffix.lower() == ".nc"
 
 
-def _read(path: Path, how: dict[str, Any], span: slice, given: list[str]) -> Any:
+def _read(path: Path, how: ReadOptions, span: slice, given: list[str]) -> Any:
     """Return a part of a run, of what `nontwist twist` has written, or of the twist of a recording about its z axis.
 
     A recording is read as `how` says, which was typed as `given`.
@@ -168,7 +168,7 @@ def _read(path: Path, how: dict[str, Any], span: slice, given: list[str]) -> Any
         with about(str(path), ValueError):
             return _smooth_part(path, run, span)
     with about(str(path), ValueError):
-        motion = nontwist.read_motion(path, **how)
+        motion = nontwist.read_motion(path, **vars(how))
         found = nontwist.twist(_part(motion, span))
     found.encoding["source"] = str(path)
     say(f"{path}: twist about the z axis; {motion.attrs['notes']}")

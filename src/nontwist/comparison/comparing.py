@@ -18,39 +18,32 @@ Integrators without a step (closed-form solutions, tolerances) run once. Their n
 from __future__ import annotations
 
 import json
+import math
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import nullcontext
+from dataclasses import fields
+from functools import partial
+from math import ceil, log2
+from time import perf_counter
 from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
 
-from ..analysis.invariants import Invariant, invariants
-from ..driver.grid import fits, inside, kinks, with_spin_kinks
-from ..driver.notices import progress_bar
+from ..analysis.invariants import Invariant, drift, invariants, quantities, twist_defect
+from ..analysis.trajectory import Trajectory
+from ..driver.grid import count_steps, fits, inside, kinks, stretches_of, with_spin_kinks
+from ..driver.notices import COARSE_STEP, progress_bar
+from ..driver.planning import resolve_integrator
 from ..driver.problem import OfComparison, Problem, posed, start_of, takes
-from ..geometry.arrays import Array
-from ..geometry.values import as_whole
-from ..integrators import Integrator, Status
-from ..loads import as_load
+from ..geometry.arrays import Array, as_array
+from ..geometry.values import as_list, as_whole, short_repr
+from ..integrators import INTEGRATORS, Integrator, SimulationError, Status
+from ..integrators.problem import Stretches, stretched
+from ..loads import Load, as_load
 from ..models.stack import stacked
 from ..models.system import DirectorSystem, as_system
-from .reference import (
-    REFUSED,
-    Case,
-    Choice,
-    Outcome,
-    Reference,
-    automatic_run,
-    chosen,
-    compared,
-    grids,
-    label,
-    reference,
-    shared_intervals,
-    shortest_times,
-    texts_of,
-)
+from .reference import Case, Reference, automatic_run, distances, reference
 
 if TYPE_CHECKING:
     import xarray
@@ -150,18 +143,18 @@ def compare(
     kept = invariants(body, load.description)
     first = next(iter(numbers))
     jobs = [(name, h) for name, s in schemes.items() for h in (numbers if not s.any_times else [first])]
-    outcomes = {}
+    calls, outcomes = {}, {}
     with progress_bar(len(jobs), "comparing") if progress else nullcontext() as report:
         for k, (name, h) in enumerate(jobs):
             if report:
                 report(k / len(jobs))
-            outcomes[name, h] = compared(case, exact, kept, schemes[name], found[h], known)
+            calls[name, h], outcomes[name, h] = compared(case, exact, kept, schemes[name], found[h], known)
     if integrators is None:
-        schemes = {name: s for name, s in schemes.items() if outcomes[name, first].status != REFUSED}
-    for key, seconds in shortest_times({k: o.call for k, o in outcomes.items() if o.status == 0}, repeats).items():
-        outcomes[key].numbers["run_time"] = seconds
-    table = {(name, h): outcomes[name, h if (name, h) in outcomes else first] for name in schemes for h in numbers}
-    data = comparison_dataset(schemes, numbers, table, exact, kept)
+        schemes = {name: s for name, s in schemes.items() if outcomes[name, first]["status"] != REFUSED}
+    done = {key: call for key, call in calls.items() if outcomes[key]["status"] == 0}
+    for key, seconds in shortest_times(done, repeats).items():
+        outcomes[key]["run_time"] = seconds
+    data = comparison_dataset(schemes, numbers, outcomes, exact, kept)
     return data.assign_attrs(meets_kinks=int(meets_kinks))
 
 
@@ -172,11 +165,176 @@ def _few(shared: int) -> str:
     )
 
 
+# Which integrators and which steps are compared, and the times that all runs share.
+
+Choice = str | tuple[str, int] | Integrator
+
+COARSEST, SERIES, LEAST, FEWEST = 32, 7, 4, 10
+SHARED, STORED = 1000, 10_000
+
+
+def chosen(integrators: Sequence[Choice] | None) -> dict[str, Integrator]:
+    """Return the integrators to compare, by label.
+
+    None: every order of every integrator; one whose setting is a tolerance, at 1e-6, 1e-9 and 1e-12.
+
+    Raises
+    ------
+    ValueError
+        An unknown name or order, something that is no integrator, one given twice, or none at all.
+    """
+    if isinstance(integrators, str):
+        raise ValueError(f"integrators must be a list, got {integrators!r}; write [{integrators!r}]")
+    if integrators is None:
+        schemes = [scheme for cls in INTEGRATORS.values() for scheme in cls.variants()]
+    else:
+        schemes = [_integrator(choice) for choice in as_list(integrators, "integrators")]
+    if not schemes:
+        raise ValueError("integrators is empty; leave it out to compare all that accept the body and the load")
+    found: dict[str, Integrator] = {}
+    for scheme in schemes:
+        name = label(scheme)
+        if name in found:
+            raise ValueError(f"integrators contains {name!r} twice")
+        found[name] = scheme
+    return found
+
+
+def label(scheme: Integrator, *, tolerance: bool = True) -> str:
+    """Return the name of an integrator with its order, its tolerance and what else is not the default."""
+    parts = [scheme.name]
+    for field in fields(scheme):
+        value = getattr(scheme, field.name)
+        if field.name == "order":
+            parts.append(f"{value}")
+        elif field.name == "rtol":
+            parts += [short(value)] * tolerance
+        elif field.name == "atol":
+            usual = math.isclose(value, scheme.rtol / 100)  # type: ignore[attr-defined]
+            parts += [f"atol {short(value)}"] * (tolerance and not usual)
+        elif value != field.default:
+            parts.append(f"{field.name} {value:g}" if isinstance(value, float) else str(value))
+    return " ".join(parts)
+
+
+def short(x: float, digits: int = 1) -> str:
+    """Return a small or large number in few characters: 1e-9, 3.2e-14."""
+    mantissa, exponent = f"{x:.{digits}e}".split("e")
+    return f"{mantissa.removesuffix('.0')}e{int(exponent)}"
+
+
+def grids(
+    steps: Sequence[float] | None, t_start: float, t_end: float, automatic: float, load: Load
+) -> dict[float, Stretches]:
+    """Return the time grids by their longest step, coarse to fine.
+
+    None: up to seven, each with twice the steps of the one before; the first has about 32 times the automatic step, at
+    least 10 steps, and the breakpoints of the load as nodes.
+
+    Raises
+    ------
+    ValueError
+        As `simulate` for one step; no steps.
+    """
+    span = t_end - t_start
+    if steps is None:
+        first = stretches_of(load, t_start, t_end, min(span / FEWEST, COARSEST * automatic), resolves=False)
+        most = SERIES if len(first.sizes) == 1 else max(LEAST, 2 + ceil(log2(max(1.0, first.longest / automatic))))
+        series = [stretched(first.borders, 2**k * np.diff(first.numbers)) for k in range(min(SERIES, most))]
+        return {grid.longest: grid for grid in series}
+    found = {float(h): stretched((t_start, t_end), (count_steps(span, h),)) for h in as_array(steps, "steps", (None,))}
+    if not found:
+        raise ValueError("steps is empty; leave it out for a series about the automatic step")
+    return dict(sorted(found.items(), reverse=True))
+
+
+def shared_intervals(numbers: Sequence[int]) -> int:
+    """Return the most equal intervals, at most 1000, whose ends every grid of `numbers` steps holds."""
+    return _divisor(math.gcd(*numbers), SHARED)
+
+
+def stored_intervals(N: int, shared: int) -> int:
+    """Return the most equal intervals that N steps make, the shared ones among them, at most 10 000."""
+    return shared * _divisor(N // shared, STORED // shared)
+
+
+def _divisor(n: int, most: int) -> int:
+    return max(k for k in range(1, min(n, most) + 1) if n % k == 0)
+
+
+def _integrator(choice: Choice) -> Integrator:
+    if isinstance(choice, (str, Integrator)):
+        return resolve_integrator(choice, None)
+    if isinstance(choice, (tuple, list)) and len(choice) == 2 and isinstance(choice[0], str):
+        return resolve_integrator(*choice)
+    raise ValueError(f"an integrator is a name, a pair (name, order) or an instance, got {short_repr(choice)}")
+
+
+# The runs of a comparison: each is compared with the reference once, and then timed.
+
+
+REFUSED, LONG, SHORT = -1, 0.3, 0.01
+
+
+def compared(
+    case: Case, true: Reference, kept: dict[str, Invariant], scheme: Integrator, grid: Stretches, known: set[str]
+) -> tuple[Callable[[], Trajectory], dict[str, Any]]:
+    """Run once and compare with the reference; this also compiles what the timed calls need.
+
+    `kept` are the invariants, and `known` what warnings have said already. Returned are the call to be timed, and
+    the `VARIABLES` and drifts that one run has, its status and message among them.
+    """
+    exact, shared = true.run, len(true.run.time) - 1
+    if scheme.any_times:
+        run_to, call = partial(case.run, scheme, exact.time), partial(case.run, scheme, exact.time[-1:])
+    else:
+        store = grid.steps // stored_intervals(grid.steps, shared)
+        run_to, call = partial(case.run_on, grid, store, scheme), partial(case.run_on, grid, "end", scheme)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        try:
+            run = run_to()
+        except (ValueError, SimulationError) as error:
+            return call, {"status": int(getattr(error, "status", REFUSED)), "message": str(error)}
+    data = run.to_dataset()
+    x = quantities(data)
+    found: dict[str, Any] = {name: drift(one, x, true.scales[one.units]) for name, one in kept.items()}
+    for of, errors in zip(COMPARED, distances(run, exact, (len(run.time) - 1) // shared), strict=True):
+        found |= {f"{of}_error": errors[-1], f"{of}_error_max": errors.max()}
+    issued = sorted({text for text in texts_of(caught) if not text.startswith(COARSE_STEP)} - known)
+    found |= {"twist_defect": twist_defect(data), "status": 0, "message": "; ".join(["done", *issued])}
+    return call, found
+
+
+def texts_of(caught: list[warnings.WarningMessage]) -> set[str]:
+    """Return what warnings say."""
+    return {str(warning.message) for warning in caught}
+
+
+def shortest_times(calls: dict[Any, Callable[[], Trajectory]], repeats: int) -> dict[Any, float]:
+    """Return the shortest time of each call, s; calls alternate, so that a slow phase of the machine affects all alike.
+
+    A call that took longer than `LONG` is not repeated. One shorter than `SHORT` is timed twice in a row: the first
+    time includes what other calls have left cold.
+    """
+    best = dict.fromkeys(calls, np.inf)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        for _ in range(repeats):
+            for key, call in calls.items():
+                for first in (True, False):
+                    if best[key] < SHORT or (first and not LONG < best[key] < np.inf):
+                        start = perf_counter()
+                        call()
+                        best[key] = min(best[key], perf_counter() - start)
+    return best
+
+
 # A comparison as a dataset: what was measured on (integrator, step), measured orders, names, units, record.
 
 
 CLEAR = 20.0
-
+COMPARED = ("attitude", "momentum")
 _RUNS = ("integrator", "step")
 VARIABLES: dict[str, tuple[str, str, str]] = {
     "attitude_error": ("rad", "attitude error at the end", "e_Λ"),
@@ -200,39 +358,34 @@ VARIABLES: dict[str, tuple[str, str, str]] = {
 def comparison_dataset(
     schemes: Mapping[str, Integrator],
     counts: Mapping[float, int],
-    outcomes: Mapping[tuple[str, float], Outcome],
+    outcomes: Mapping[tuple[str, float], Mapping[str, Any]],
     reference: Reference,
     invariants: Mapping[str, Invariant],
 ) -> xarray.Dataset:
-    """Return the dataset that `nontwist.compare` describes; `outcomes` by label and step."""
+    """Return the dataset that `nontwist.compare` describes.
+
+    `outcomes` by label and step, of what takes no steps at the first one.
+    """
     import xarray
 
-    def array(name: str) -> Array:
-        return np.array([[outcomes[i, h].numbers.get(name, np.nan) for h in counts] for i in schemes])
+    first, steps, scales = next(iter(counts)), np.array(list(counts)), reference.scales
 
-    steps, run, scales = np.array(list(counts)), reference.run, reference.scales
-    momentum = scales["kg m2 s-1"]
-    variables: dict[str, Any] = {}
-    for name, bar, size, growth in (
-        ("attitude", reference.attitude_error, 1.0, reference.growth[0]),
-        ("momentum", reference.momentum_error, momentum, reference.growth[1]),
-    ):
-        largest = array(f"{name}_error_max")
+    def array(name: str) -> Array:
+        rows = [[outcomes.get((i, h), outcomes[i, first]) for h in counts] for i in schemes]
+        return np.array([[one.get(name, np.nan) for one in row] for row in rows])
+
+    found: dict[str, Any] = {"drift": (("invariant", *_RUNS), np.array([array(name) for name in invariants]))}
+    sizes = 1.0, scales["kg m2 s-1"]
+    for of, bar, size, growth in zip(COMPARED, reference.bar, sizes, reference.growth, strict=True):
+        largest = array(f"{of}_error_max")
         noise = np.maximum(bar, np.finfo(np.float64).eps * np.sqrt(list(counts.values())) * size * growth)
-        orders = measured_orders(largest, steps, CLEAR * noise)
-        variables |= {f"{name}_error": (_RUNS, array(f"{name}_error")), f"{name}_error_max": (_RUNS, largest)}
-        variables |= {f"{name}_order": (_RUNS, orders), f"{name}_below_bar": (_RUNS, largest <= bar)}
-        variables[f"{name}_reference_error"] = ((), bar)
-    variables["drift"] = (("invariant", *_RUNS), np.array([array(name) for name in invariants]))
-    if run.system.axis is not None:
-        variables["twist_defect"] = (_RUNS, array("twist_defect"))
-    variables["run_time"] = (_RUNS, array("run_time"))
-    variables["status"] = (_RUNS, np.array([[outcomes[i, h].status for h in counts] for i in schemes]))
-    variables["message"] = (_RUNS, np.array([[outcomes[i, h].message for h in counts] for i in schemes]))
+        found[f"{of}_order"] = _RUNS, measured_orders(largest, steps, CLEAR * noise)
+        found |= {f"{of}_below_bar": (_RUNS, largest <= bar), f"{of}_reference_error": ((), bar)}
     described = {}
-    for name, (dims, values) in variables.items():
-        units, long_name, symbol = VARIABLES[name]
-        described[name] = (dims, values, {"units": units, "long_name": long_name, "symbol": symbol})
+    for name, (units, long_name, symbol) in VARIABLES.items():
+        if name != "twist_defect" or reference.run.system.axis is not None:
+            own = {"units": units, "long_name": long_name, "symbol": symbol}
+            described[name] = *(found[name] if name in found else (_RUNS, array(name))), own
     values = list(schemes.values())
     coordinates: dict[str, Any] = {
         "integrator": list(schemes),

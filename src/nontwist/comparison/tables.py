@@ -11,8 +11,7 @@ from numpy.typing import ArrayLike
 from ..analysis.datasets import as_dataset
 from ..analysis.invariants import in_words
 from ..geometry.arrays import Array, as_positive
-from .comparing import VARIABLES
-from .reference import short
+from .comparing import VARIABLES, short
 
 if TYPE_CHECKING:
     import xarray

@@ -44,7 +44,7 @@ An impulse p changes W by -Q Gᵀ p, and h of bearings by -p: the total momentum
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import partial
+from functools import cache, partial
 from itertools import product
 from math import sqrt
 from typing import Any, NamedTuple
@@ -102,7 +102,6 @@ class Contacts:
         self.t, self.modes = problem.t_start, Modes()
         z = None if problem.internal is None else problem.internal[0].copy()
         self.state = States(problem.quaternion[0].copy(), problem.velocity[0].copy(), internal=z)
-        self._inverses = dict[tuple[int, ...], Array]()  # of parts of S
         found = list(wheel_columns(self.load))
         self.wheels, self.places = [one.unscaled for one, _ in found], np.array([place for _, place in found], int)
         self.dry, self.bearings = [a for a, one in enumerate(self.wheels) if one.is_dry], len(self.frictions)
@@ -122,7 +121,7 @@ class Contacts:
         """Set the axes of the friction of the body."""
         self.G = np.concatenate([np.reshape(axes, (-1, 3)), -self.spins[self.dry]])
         self.S = self.G @ self.Q @ self.G.T + np.diag(self.D)
-        self._inverses.clear()
+        self._inverse = cache(lambda *contacts: np.linalg.pinv(self.S[np.ix_(contacts, contacts)], hermitian=True))
 
     # ---- rates and forces
 
@@ -201,18 +200,13 @@ class Contacts:
         """Return λ and r' of all contacts."""
         lam = np.array([modes.get(k, 0) * c for k, c in enumerate(self.limits.tolist())])
         if held := [k for k, sign in modes.items() if not sign]:
-            lam[held] = self._inverse(held) @ (b - self.S @ lam)[held]
+            lam[held] = self._inverse(*held) @ (b - self.S @ lam)[held]
         return lam, b - self.S @ lam
-
-    def _inverse(self, contacts: Sequence[int]) -> Array:
-        if (key := tuple(contacts)) not in self._inverses:
-            self._inverses[key] = np.asarray(np.linalg.pinv(self.S[np.ix_(key, key)], hermitian=True), np.float64)
-        return self._inverses[key]
 
     def settle(self, zero: Sequence[int], forced: Modes) -> None:
         """Choose the modes of contacts whose rates are zero; those that are `forced` slide."""
         own, (_, W, *_, z) = list(zero), self.state
-        self.kick(own, self._inverse(own) @ self.rates()[own])
+        self.kick(own, self._inverse(*own) @ self.rates()[own])
         b, free = self.free(self.t, directors(self.state.quaternion), W, z), [k for k in zero if k not in forced]
         for signs in product((0, 1, -1), repeat=len(free)):
             modes = self.modes | forced | dict(zip(free, signs, strict=True))

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import replace
-from functools import partial
-from typing import TYPE_CHECKING, Any, NamedTuple, Unpack
+from functools import cached_property, partial
+from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -29,16 +29,6 @@ from .starts import AT_REST, Starts
 
 if TYPE_CHECKING:
     import xarray
-
-
-class Solved(NamedTuple):
-    """A run with all its states, and what its derivatives are made of."""
-
-    run: Trajectory
-    problem: IVP
-    is_stored: NDArray[np.int64]  # (steps,) 1 where the end of a step is stored
-    rows: NDArray[np.int64]  # numbers of the stored states
-    removed: float  # rad/s, of the velocity that was given, along the constrained axis
 
 
 @takes(OfStored)
@@ -114,8 +104,11 @@ def sensitivities(
     problem = posed("sensitivities", system, keywords, OfStored)
     begin = start_of(problem)
     plan = plan_of(problem, begin)
-    solved, parameters = solved_with(plan, begin, wrt, means=plan.store == 1)
-    return _described(_stored(solved, plan, begin), changes_of(solved, parameters), parameters)
+    solved = Solved(plan, begin, wrt, means=plan.store == 1)
+    changes = solved.changes()
+    more = described(dict(zip(DERIVATIVES, (changes[:, :3], changes[:, 3:]), strict=True)))
+    more |= _units(solved.parameters)
+    return _stored(solved, plan, begin)._dataset(more, parameter=solved.parameters.labels)
 
 
 @takes(OfStored)
@@ -179,7 +172,7 @@ def gradient(
     problem = posed("gradient", system, keywords, OfStored)
     begin = start_of(problem)
     plan = plan_of(problem, begin)
-    solved, parameters = solved_with(plan, begin, wrt)
+    solved = Solved(plan, begin, wrt)
     slopes = np.zeros((len(solved.rows), 6))
     for at, name, given in (
         (0, "d_rotation", d_rotation),
@@ -188,24 +181,71 @@ def gradient(
         if given is not None:
             slopes[:, at : at + 3] = as_array(given, name, (len(slopes), 3))
     about = {"long_name": "derivative of f", "units": "per unit of the parameter"}
-    found = _units(parameters) | {"gradient": (("parameter",), slopes_of(solved, parameters, slopes), about)}
-    return assembled(labelled(found, parameter=parameters.labels), {})
+    found = _units(solved.parameters) | {"gradient": (("parameter",), solved.slopes(slopes), about)}
+    return assembled(labelled(found, parameter=solved.parameters.labels), {})
 
 
-def solved_with(plan: Plan, begin: Starts, wrt: Any, means: bool = False) -> tuple[Solved, Parameters]:
-    """Return the run of a plan with its states at all nodes, and the parameters; wrong ones are refused before it.
+class Solved:
+    """A run with all its states, and its derivatives by some parameters; wrong ones are refused before the run.
 
     `means`: whether the run has means over its steps.
     """
-    Parameters(differentiable(plan, begin), wrt, linearised_by(plan))
-    run = Prepared(plan._replace(store=1, means=means), begin).run()
-    grid = run.stretches
-    assert grid is not None
+
+    def __init__(self, plan: Plan, begin: Starts, wrt: Any, means: bool = False) -> None:
+        Parameters(differentiable(plan, begin), wrt, linearised_by(plan))
+        self.run = Prepared(plan._replace(store=1, means=means), begin).run()
+        assert self.run.stretches is not None
+        self.rows, self.is_stored = _rows_of(plan, self.run.stretches)
+        self.problem = plan.problem(begin._replace(grid=None, memory=None), self.run.stretches, self.rows)
+        self.parameters = Parameters(self.problem, wrt, linearised_by(plan))
+        self._removed = float(begin.removed[0])  # rad/s, of the velocity that was given, along the constrained axis
+
+    @cached_property
+    def _steps(self) -> tuple[Linearised | RememberingSteps, Array]:
+        """The steps, linearised, and the changes of the first state by the parameters."""
+        own, problem, first = self.parameters, self.problem, self.problem.velocity[0]
+        scheme: Any = self.run.integrator
+        if problem.load.memories:
+            remembering = RememberingSteps(problem, scheme, own.of_wheels, own.inertias)
+            return remembering, remembering.start(own.start(6, first, self._removed))
+        steps = Linearised(problem, scheme, own.inputs, own.changes)
+        return steps, own.start(steps.rows, first, self._removed)
+
+    def changes(self, directions: Array | None = None) -> Array:
+        """Return the derivatives of the stored states by the parameters, or along `directions` (count, d); (n, 6, d).
+
+        Along many directions all those by parameters are carried.
+        """
+        own, (steps, first) = self.parameters, self._steps
+        if directions is not None and directions.shape[1] >= own.count:
+            return self.changes() @ directions
+        entries, along = own.entries, np.eye(own.count)
+        if directions is not None:
+            first, entries, along = first @ directions, partial(own.entries_along, directions), directions
+        if isinstance(steps, RememberingSteps):
+            ends = steps.forward(self.run.states, first, along, self.is_stored)
+        else:
+            ends = forward(steps, self.run.states, first, entries, self.is_stored)
+        return np.concatenate([first[None, :6], ends])
+
+    def slopes(self, by_states: Array) -> Array:
+        """Return the derivatives of f by the parameters, (count,), from those by the stored states, (n, 6)."""
+        own, (steps, first), states = self.parameters, self._steps, self.run.states
+        ends = np.ascontiguousarray(by_states[1:])
+        if isinstance(steps, RememberingSteps):
+            at_start, found = steps.back(states, ends, self.is_stored)
+        else:
+            at_start, found = back(steps, states, ends, own.entries, self.is_stored, own.count)
+        at_start[:6] += by_states[0]
+        return found + first.T @ at_start
+
+
+def _rows_of(plan: Plan, grid: Stretches) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the numbers of the stored states, and 1 for each step at whose end the state is stored, else 0."""
     rows = stored_steps(grid.steps, plan.store)
-    problem = plan.problem(begin._replace(grid=None, memory=None), grid, rows)
     is_stored = np.zeros(grid.steps, dtype=np.int64)
     is_stored[rows[1:] - 1] = 1
-    return Solved(run, problem, is_stored, rows, float(begin.removed[0])), Parameters(problem, wrt, linearised_by(plan))
+    return rows, is_stored
 
 
 def differentiable(plan: Plan, begin: Starts) -> IVP:
@@ -223,58 +263,19 @@ def linearised_by(plan: Plan) -> Compiled:
     return scheme_of(plan.scheme, plan.load, True)
 
 
-def changes_of(solved: Solved, parameters: Parameters, directions: Array | None = None) -> Array:
-    """Return the derivatives of the stored states by the parameters, or along `directions` (count, d); (n, 6, d)."""
-    if solved.problem.load.memories:
-        remembering, first = _remembering(solved, parameters)
-        along = np.eye(parameters.count) if directions is None else directions
-        ends = remembering.forward(solved.run.states, first @ along, along, solved.is_stored)
-        return np.concatenate([(first @ along)[None, :6], ends])
-    steps = Linearised(solved.problem, solved.run.integrator, parameters.inputs, parameters.changes)
-    first, entries = parameters.start(steps.rows, solved.problem.velocity[0], solved.removed), parameters.entries
-    if directions is not None:
-        first, entries = first @ directions, partial(parameters.entries_along, directions)
-    ends = forward(steps, solved.run.states, first, entries, solved.is_stored)
-    return np.concatenate([first[None, :6], ends])
-
-
-def slopes_of(solved: Solved, parameters: Parameters, slopes: Array) -> Array:
-    """Return the derivatives of f by the parameters, (count,), from those by the stored states, (n, 6)."""
-    ends = np.ascontiguousarray(slopes[1:])
-    if solved.problem.load.memories:
-        remembering, first = _remembering(solved, parameters)
-        at_start, found = remembering.back(solved.run.states, ends, solved.is_stored)
-        at_start[:6] += slopes[0]
-        return found + first.T @ at_start
-    steps = Linearised(solved.problem, solved.run.integrator, parameters.inputs, parameters.changes)
-    at_start, found = back(steps, solved.run.states, ends, parameters.entries, solved.is_stored, parameters.count)
-    at_start[:6] += slopes[0]
-    first = parameters.start(steps.rows, solved.problem.velocity[0], solved.removed)
-    return found + first.T @ at_start
-
-
-def _remembering(solved: Solved, parameters: Parameters) -> tuple[RememberingSteps, Array]:
-    """Return the steps of a run with memory, and the changes of the first state by the parameters."""
-    of_wheels, inertias = parameters.of_wheels, parameters.inertias
-    steps = RememberingSteps(solved.problem, solved.run.integrator, of_wheels, inertias)  # type: ignore[arg-type]
-    return steps, steps.start(parameters.start(6, solved.problem.velocity[0], solved.removed))
-
-
 def jacobian_of(plan: Plan, begin: Starts, wrt: Any) -> Array:
     """Return the derivatives of the stored states of a run, (n, 6, count)."""
-    return changes_of(*solved_with(plan, begin, wrt))
+    return Solved(plan, begin, wrt).changes()
 
 
 class Jacobian:
     """The derivatives of the runs of a plan with a grid by some parameters, prepared for starts."""
 
     def __init__(self, plan: Plan, grid: Stretches, wrt: Any) -> None:
-        rows = stored_steps(grid.steps, plan.store)
+        rows, is_stored = _rows_of(plan, grid)
         problem = plan.problem(AT_REST, grid, rows)
         self._parameters = Parameters(problem, wrt, linearised_by(plan))
         steps = Linearised(problem, plan.scheme, self._parameters.inputs, self._parameters.changes)
-        is_stored = np.zeros(grid.steps, dtype=np.int64)
-        is_stored[rows[1:] - 1] = 1
         self._prepared = PreparedPlan(plan._replace(store=1), grid)
         is_few = steps.forward_run is not None and self._parameters.count <= ForwardTangents.MOST
         self._rows, self._still = steps.rows, self._parameters.start(steps.rows, np.zeros(3))
@@ -306,12 +307,6 @@ def _stored(solved: Solved, plan: Plan, begin: Starts) -> Trajectory:
         return run
     thin = integrated(plan._replace(scheme=run.integrator), begin, solved.problem.grid)
     return replace(thin, tolerance=run.tolerance, error_estimate=run.error_estimate, warning=run.warning)
-
-
-def _described(run: Trajectory, changes: Array, parameters: Parameters) -> xarray.Dataset:
-    """Return a run with its derivatives, (n, 6, count)."""
-    more = described(dict(zip(DERIVATIVES, (changes[:, :3], changes[:, 3:]), strict=True)))
-    return run._dataset(more | _units(parameters), parameter=parameters.labels)
 
 
 def _units(parameters: Parameters) -> dict[str, Described]:

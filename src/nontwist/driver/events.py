@@ -118,24 +118,22 @@ class Piece(NamedTuple):
 
 def joined(pieces: Sequence[Piece], problem: IVP, failure: Failure | None = None, memory: Any = None) -> Outcome:
     """Return the outcome of a problem that was marched in pieces, each from the end of the one before."""
-    last = pieces[-1].times[-1]
-    beyond = problem.stored_times[problem.stored_times > last]
+    beyond = problem.stored_times[problem.stored_times > pieces[-1].times[-1]]
     times = np.concatenate([pieces[0].times, *(one.times[1:] for one in pieces[1:]), beyond])
 
-    def whole(arrays: list[Any], count: int) -> Any:
-        """Return arrays one after the other, and what has not been reached."""
-        if not arrays or any(one is None for one in arrays):
+    def whole(arrays: tuple[Any, ...], axis: int) -> Any:
+        """Return arrays of one member, one after the other, and what has not been reached."""
+        if any(one is None for one in arrays):
             return None
-        missing = (count - sum(map(len, arrays)), *arrays[0].shape[1:])
-        none: Any = np.nan if arrays[0].dtype == np.float64 else 0
-        return np.concatenate([*arrays, np.full(missing, none, arrays[0].dtype)])[None]
+        none = np.nan if arrays[0].dtype == np.float64 else 0
+        after = (*arrays[0].shape[:axis], len(beyond), *arrays[0].shape[axis + 1 :])
+        found = np.concatenate([*arrays, np.full(after, none, arrays[0].dtype)], axis=axis)
+        return found if axis else found[None]
 
-    all_states: Any = zip(pieces[0].states, *(one.states.part(slice(1, None)) for one in pieces[1:]), strict=True)
-    states = States(*(whole(list(arrays), len(times)) for arrays in all_states))
-    means = [[x if x is None else x[0] for x in one.means] for one in pieces if one.means is not None]
-    intervals = (
-        Intervals(*(whole(list(arrays), len(times) - 1) for arrays in zip(*means, strict=True))) if means else None
-    )
+    rest = (one.states.part(slice(1, None)) for one in pieces[1:])
+    states = States(*(whole(arrays, 0) for arrays in zip(pieces[0].states, *rest, strict=True)))
+    means = [one.means for one in pieces if one.means is not None]
+    intervals = Intervals(*(whole(arrays, 1) for arrays in zip(*means, strict=True))) if means else None
     failures = np.zeros((1, 4)) if failure is None else np.array([failure[:4]], dtype=np.float64)
     reasons = {} if failure is None else {0: failure.reason}
     found = Outcome(states, np.array([len(times) - len(beyond)]), failures, reasons, intervals, None, memory)
@@ -155,12 +153,17 @@ class Part(NamedTuple):
         """The times that have been reached."""
         return self.problem.stored_times[: int(self.outcome.good[0])]
 
-    def piece(self, wanted: Array, end: float) -> Piece:
-        """Return what is kept of it up to one of its times: the states that are wanted, the first and the last."""
-        own = self.times[self.times <= end]
+    def pieces(self, wanted: Array, end: Root | None) -> Iterator[Piece]:
+        """Yield what is kept up to the event that ends the run: states that are wanted, the first and the last."""
+        since = np.inf if end is None else float(self.times[end.check])
+        own = self.times[self.times <= since]
         times = np.union1d(own[[0, -1]], own[np.isin(own, wanted)])
         outcome = self.outcome.at(self.problem, replace(self.problem, output_times=times))
-        return Piece(times, outcome.states.part(0), outcome.intervals)
+        yield Piece(times, outcome.states.part(0), outcome.intervals)
+        if end is not None and end.time > since:
+            last = np.array([since, end.time])
+            outcome = self.beyond(end.check, last)
+            yield Piece(last, outcome.states.part(0), outcome.intervals)
 
     def at(self, checks: Sequence[int], times: Array) -> list[States]:
         """Return the states at rows of times, (n, k), each between the time of such a number and the next."""
@@ -250,19 +253,18 @@ class Root(NamedTuple):
     time: float
     event: int
     state: States
-    part: Part
     check: int
 
 
 class Search:
-    """The search for events in the parts of a run."""
+    """The search for events in a part of a run."""
 
-    def __init__(self, events: tuple[Event, ...]) -> None:
-        self.events, self.left = events, [event.terminal for event in events]
+    def __init__(self, events: tuple[Event, ...], part: Part) -> None:
+        self.events, self.part = events, part
 
-    def roots(self, part: Part) -> Iterator[Root]:
-        """Yield the events of a part in the order of their times, up to one that ends the run."""
-        times, states = part.times, part.outcome.states.part(0)
+    def roots(self) -> list[Root]:
+        """Return the events in the order of their times."""
+        times, states = self.part.times, self.part.outcome.states.part(0)
         is_apart = np.diff(times) > SAME * np.spacing(abs(times[1:]))
         bodies, found, crossed, near = bodies_of(times, states), list[Root](), list[Crossing](), list[Crossing]()
         for number, event in enumerate(self.events):
@@ -275,21 +277,15 @@ class Search:
             is_there = (signs[:-1] != 0) & ((signs[1:] == 0) | ((changes < 0) & ~is_apart))
             for k in (np.flatnonzero(is_there) + 1).tolist():
                 if event.counts(signs[k - 1] < 0):
-                    found.append(Root(float(times[k]), number, states.part(k), part, k))
-        crossed += self._hidden(part, near)
-        found += self._solved(part, [one for one in crossed if self.events[one.event].counts(one.values[1] > 0)])
-        for root in sorted(found, key=lambda root: root.time):
-            yield root
-            if self.left[root.event]:
-                self.left[root.event] -= 1
-                if not self.left[root.event]:
-                    return
+                    found.append(Root(float(times[k]), number, states.part(k), k))
+        crossed += self._hidden(near) if near else ()
+        counted = [one for one in crossed if self.events[one.event].counts(one.values[1] > 0)]
+        found += self._solved(counted) if counted else ()
+        return sorted(found, key=lambda root: root.time)
 
-    def _hidden(self, part: Part, near: list[Crossing]) -> Iterator[Crossing]:
+    def _hidden(self, near: list[Crossing]) -> Iterator[Crossing]:
         """Yield pairs of crossings where a function has another sign between two times of one sign."""
-        if not near:
-            return
-        times, values, series = self._through(part, near)
+        times, values, series = self._through(near)
         sign = np.sign(values[:, 0])
         for i, one in enumerate(near):
             k = int(np.argmin(sign[i] * values[i]))
@@ -297,36 +293,34 @@ class Search:
             if sign[i] * x > 0 > depths.min():
                 begin, end = times[i, [0, -1]].tolist()
                 t = (begin + end) / 2 + (end - begin) / 2 * float(FINE[depths.argmin()])
-                x = self._value(part, one, t)
+                x = self._value(one, t)
             if sign[i] * x > 0 and abs(series[i, -2:]).max() > CORNER * abs(series[i]).max():
                 ends = times[i, max(k - 1, 0)], times[i, min(k + 1, DEGREE)]
-                t, x = self._lowest(part, one, ends, float(sign[i]))
+                t, x = self._lowest(one, ends, float(sign[i]))
             if sign[i] * x < 0:
                 yield one._replace(times=(one.times[0], t), values=(one.values[0], x))
                 yield one._replace(times=(t, one.times[1]), values=(x, one.values[1]))
 
-    def _lowest(self, part: Part, one: Crossing, ends: tuple[float, float], sign: float) -> tuple[float, float]:
+    def _lowest(self, one: Crossing, ends: tuple[float, float], sign: float) -> tuple[float, float]:
         """Return where a function, times a sign, is lowest between two times, and its value there."""
         from scipy.optimize import minimize_scalar
 
         begin, length = ends[0], ends[1] - ends[0]
         found = minimize_scalar(
-            lambda since: sign * self._value(part, one, begin + since),
+            lambda since: sign * self._value(one, begin + since),
             bounds=(0.0, length),
             method="bounded",
             options={"xatol": XTOL * length},
         )
         return begin + float(found.x), sign * float(found.fun)
 
-    def _value(self, part: Part, one: Crossing, t: float) -> float:
+    def _value(self, one: Crossing, t: float) -> float:
         """Return the value of a function at one time."""
-        return float(self._values(part, [one], np.array([[t]]))[0][0, 0])
+        return float(self._values([one], np.array([[t]]))[0][0, 0])
 
-    def _solved(self, part: Part, crossed: list[Crossing]) -> Iterator[Root]:
+    def _solved(self, crossed: list[Crossing]) -> Iterator[Root]:
         """Yield the roots, of polynomials through values of the functions where these have one, else by Brent."""
-        if not crossed:
-            return
-        times, values, series = self._through(part, crossed)
+        times, values, series = self._through(crossed)
         middle, half = times[:, [0, -1]].mean(axis=1), np.diff(times[:, [0, -1]])[:, 0] / 2
         roots = middle.copy()
         for k, one in enumerate(series):
@@ -334,41 +328,42 @@ class Search:
             own = own.real[(abs(own.imag) < ROOT) & (abs(own.real) < 1)]
             if len(own) == 1:
                 roots[k] += half[k] * own[0]
-        left, states = self._values(part, crossed, roots[:, None])
+        left, states = self._values(crossed, roots[:, None])
         is_root = abs(left[:, 0]) <= ROOT * abs(values).max(axis=1)
         for k, one in enumerate(crossed):
             if is_root[k]:
-                yield Root(float(roots[k]), one.event, states[k].part(0), part, one.check)
+                yield Root(float(roots[k]), one.event, states[k].part(0), one.check)
             else:
-                yield self._between(part, one)
+                yield self._between(one)
 
-    def _through(self, part: Part, looked: list[Crossing]) -> tuple[Array, Array, Array]:
+    def _through(self, looked: list[Crossing]) -> tuple[Array, Array, Array]:
         """Return times and values at all knots between two times, (n, knots), and the Chebyshev series through them."""
         a, b = np.array([one.times for one in looked]).T[..., None]
         times = (a + b) / 2 + (b - a) / 2 * KNOTS
         times[:, [0, -1]] = np.concatenate([a, b], axis=1)
         ends = np.array([one.values for one in looked])
-        values = np.concatenate([ends[:, :1], self._values(part, looked, times[:, 1:-1])[0], ends[:, 1:]], axis=1)
+        values = np.concatenate([ends[:, :1], self._values(looked, times[:, 1:-1])[0], ends[:, 1:]], axis=1)
         return times, values, np.linalg.solve(chebvander(KNOTS, DEGREE), values.T).T
 
-    def _values(self, part: Part, looked: list[Crossing], times: Array) -> tuple[Array, list[States]]:
+    def _values(self, looked: list[Crossing], times: Array) -> tuple[Array, list[States]]:
         """Return the values of the functions at times of their own, (n, k), and the states."""
-        states = part.at([one.check for one in looked], times)
+        states = self.part.at([one.check for one in looked], times)
         rows = zip(looked, times, states, strict=True)
         return np.array([self.events[one.event].values(bodies_of(t, own)) for one, t, own in rows]), states
 
-    def _between(self, part: Part, one: Crossing) -> Root:
+    def _between(self, one: Crossing) -> Root:
         """Return the root by Brent's method."""
         from scipy.optimize import brentq
 
         known = dict(zip(one.times, one.values, strict=True))
 
         def value(t: float) -> float:
-            return known[t] if t in known else self._value(part, one, t)
+            return known[t] if t in known else self._value(one, t)
 
-        longest = part.problem.t_end - part.problem.t_start if part.problem.off_grid else part.problem.grid.longest
+        problem = self.part.problem
+        longest = problem.t_end - problem.t_start if problem.off_grid else problem.grid.longest
         t = float(brentq(value, *one.times, xtol=max(XTOL * longest, np.finfo(np.float64).tiny), rtol=RTOL))
-        return Root(t, one.event, part.at([one.check], np.array([[t]]))[0].part(0), part, one.check)
+        return Root(t, one.event, self.part.at([one.check], np.array([[t]]))[0].part(0), one.check)
 
 
 def bodies_of(times: Array, states: States) -> list[BodyState]:
@@ -411,23 +406,20 @@ def march_to_events(scheme: Integrator, problem: IVP, events: tuple[Event, ...])
     ValueError
         An event function fails; and as the integrator.
     """
-    search, pieces, roots, wanted = Search(events), list[Piece](), list[Root](), problem.stored_times
+    pieces, roots, wanted = list[Piece](), list[Root](), problem.stored_times
     part: Part | None = None
     end: Root | None = None
     failure: Failure | None = None
     try:
         for part in parts(scheme, problem):
-            roots += search.roots(part)
-            if roots and events[roots[-1].event].terminal and not search.left[roots[-1].event]:
-                end = roots[-1]
-                since = float(part.times[end.check])
-                pieces.append(part.piece(wanted, since))
-                if end.time > since:
-                    last = np.array([since, end.time])
-                    outcome = part.beyond(end.check, last)
-                    pieces.append(Piece(last, outcome.states.part(0), outcome.intervals))
+            for root in Search(events, part).roots():
+                roots.append(root)
+                if sum(one.event == root.event for one in roots) == events[root.event].terminal:
+                    end = root
+                    break
+            pieces += part.pieces(wanted, end)
+            if end is not None:
                 break
-            pieces.append(part.piece(wanted, np.inf))
             if (failure := part.outcome.failure()) is not None:
                 failure = failure._replace(step=failure.step + part.first)
     except KeyboardInterrupt as stop:

@@ -23,7 +23,7 @@ from ..integrators.tangents import Growth
 from ..models.stack import SystemStack
 from ..models.system import DirectorSystem
 from . import completion
-from .derivatives import differentiable, solved_with
+from .derivatives import Solved, differentiable
 from .notices import announce, cores, members_cost, progress_bar, say, warn_of_grid, with_messages
 from .planning import Plan
 from .problem import OfMany, OfMotion, Problem, plan_of, posed, start_of, starts_of, takes
@@ -90,7 +90,7 @@ def lyapunov(system: DirectorSystem | Problem, **keywords: Unpack[OfMotion]) -> 
     problem = posed("lyapunov", system, keywords, OfMotion)
     begin = start_of(problem)
     plan = plan_of(problem, begin, store="end")
-    known, _ = solved_with(plan, begin, "rotation")
+    known = Solved(plan, begin, "rotation")
     _warn_of_hidden(plan._replace(scheme=known.run.integrator), begin, known.problem.grid)
     steps = Linearised(known.problem, known.run.integrator, ())
     growth = Growth(steps)

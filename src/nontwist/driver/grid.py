@@ -14,8 +14,7 @@ from ..integrators import Integrator
 from ..integrators.problem import FIT, Stretches, stretched
 from ..io.whole import free_memory as free_memory  # which tests replace here
 from ..loads import Load, body_moment
-from ..loads.potentials import ForceTable
-from ..loads.terms import Table
+from ..loads.terms import Tabulated
 from ..models.stack import SystemStack
 
 TURN = 0.05  # rad a step
@@ -151,7 +150,7 @@ def stretches_of(
     borders, each = graded(borders, longest, decay, part)
     middles, resolution = (borders[1:] + borders[:-1]) / 2, np.full(len(borders) - 1, np.inf)
     for term in load.terms if resolves else ():  # a table is linear between its kinks
-        if not isinstance(term, (Table, ForceTable)) and term.resolution < np.inf:
+        if not isinstance(term, Tabulated) and term.resolution < np.inf:
             acts = (term.support[0, 0] < middles) & (middles < term.support[-1, 1])
             resolution[acts] = np.minimum(resolution[acts], term.resolution)
     least = np.diff(borders) / np.minimum(each, higher * resolution)
@@ -289,7 +288,7 @@ def load_messages(load: Load, systems: SystemStack, t_start: float, t_end: float
         tables = {"load": load, "spin": with_spin_kinks(Load(), systems)}
         messages = [off_grid_message(table, t_start, t_end, grid.steps, what) for what, table in tables.items()]
     for term in load.terms:
-        if isinstance(term, (Table, ForceTable)) and term.times[-1] < t_end and term.values[-1].any():
+        if isinstance(term, Tabulated) and term.times[-1] < t_end and term.values[-1].any():
             messages.append(
                 f"a table of the load ends at t = {term.times[-1]:.12g} s with a non-zero value and is 0 from there to "
                 f"{t_end:.12g} s"

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..engine.functions import FUNCTIONS, changes_of_numbers, kernel_kind, numbers_of
-from ..engine.known_steps import INPUTS
+from ..engine.known_steps import INPUTS, NODAL
 from ..geometry.arrays import Array
 from ..geometry.attitudes import BASIS, ENTRIES
 from ..geometry.values import as_list, guess, short_repr
@@ -19,16 +19,7 @@ from ..integrators.load_samples import as_marched, orbit_of
 from ..integrators.memory_tangents import FIELDS, NAMES
 from ..integrators.problem import IVP
 from ..loads.base import is_called, tables_as_moments
-from ..loads.derivatives import (
-    Slopes,
-    fixed_slopes,
-    forces_rates,
-    moment_rates,
-    moment_slopes,
-    rotor_slopes,
-    table_slopes,
-    with_parameter,
-)
+from ..loads.derivatives import LATER, Slopes, fixed_slopes, momentum_slopes, slopes_of_time, with_parameter
 from ..loads.memory import Wheel
 from ..loads.potentials import ForceTable, GravityGradient
 from ..loads.terms import BODY, XYZ, Rotor, Term, chord, own_fields, parameters_of
@@ -44,6 +35,8 @@ OWN = {  # those that every run has: labels, unit
     "load_scale": (("",), "1"),
     "duration": (("",), "s"),
 }
+# Of these the momentum of a wheel, to which steps of many nodes are not linear, has no derivatives under a table.
+NOT_OF_TABLES = {"scale": "the factor of", "wheel": "the axis of", LATER: "the duration with"}
 EVERY = ("material_angular_velocity", "rotation")
 
 
@@ -53,9 +46,9 @@ class Parameter(NamedTuple):
     name: str
     labels: tuple[str, ...]
     unit: str
-    first: int
+    field: str  # of the record of a term, else the name
     term: int | None = None  # of the load
-    field: str = ""  # of its record
+    first: int = 0
 
 
 class Effect(NamedTuple):
@@ -83,16 +76,17 @@ class Parameters:
     """
 
     def __init__(self, problem: IVP, names: Any, scheme: Compiled, given: str = "wrt") -> None:
-        self.problem, self.all, first = problem, list[Parameter](), 0
+        self.problem, self.all, self.count = problem, list[Parameter](), 0
+        self._scale = float(problem.load_scale[0])
+        axis = problem.systems.axis
+        self._axis = None if axis is None else axis[0]
+        self._across = np.eye(3) if self._axis is None else np.eye(3) - np.outer(self._axis, self._axis)
         # tables of forces along the directors as moments
         self.terms = (problem.load if scheme.is_director_scheme else tables_as_moments(problem.load)).terms
         self._orbits = orbit_of(*as_marched(problem, scheme.is_director_scheme), 1.0, scheme) is not None
         words = [names] if isinstance(names, str) else as_list(names, given)
-        known = self._known()
-        its = {name: [Parameter(*one[:3], 0, *one[3:]) for one in many] for name, many in known.items()}
-        able = ", ".join(
-            k for k, many in its.items() if not problem.load.memories or all(map(self._is_of_memory, many))
-        )
+        known, has_memory = self._known(), bool(problem.load.memories)
+        able = ", ".join(k for k, many in known.items() if not has_memory or all(map(self._is_of_memory, many)))
         if not words:
             raise ValueError(f"{given} names no parameter; known are {able}")
         for word in dict.fromkeys(w if isinstance(w, str) else short_repr(w) for w in words):
@@ -101,12 +95,11 @@ class Parameters:
                     f"{given} has the unknown parameter {word!r}; {self._field(word)}{guess(word, known)}"
                     f"known are {able}"
                 )
-            for name, labels, unit, term, field in known[word]:
-                if all(name != one.name for one in self.all):
-                    self.all.append(Parameter(name, tuple(labels), unit, first, term, field))
-                    first += len(labels)
-        self.count = first
-        if problem.load.memories and (bad := next((one.name for one in self.all if not self._is_of_memory(one)), None)):
+            for one in known[word]:
+                if all(one.name != other.name for other in self.all):
+                    self.all.append(one._replace(first=self.count))
+                    self.count += len(one.labels)
+        if has_memory and (bad := next((one.name for one in self.all if not self._is_of_memory(one)), None)):
             raise ValueError(f"runs with memory have derivatives by {NAMES}; {bad} is none of them")
         turning, beside = [one.name for one in self.all if len(self.inertias_of(one))], bool(problem.load.wheels)
         if scheme.is_director_scheme and scheme.dissipation and (turning if beside else "inertia" in turning):
@@ -115,20 +108,18 @@ class Parameters:
                 f"energy-momentum with dissipation has no derivatives by {what}, which turn the principal axes that "
                 f"its equations are written in; {'leave dissipation out' if beside else 'use principal_inertia'}"
             )
-        self._scale = float(problem.load_scale[0])
         self.changes = list[Changes]()  # of the numbers of terms that depend on the state, for each of "terms"
         self._effects = [effect for one in self.all for effect in self._effects_of(one)]
 
-    def _known(self) -> dict[str, list[tuple[str, Any, str, int | None, str]]]:
-        """Return what each name stands for: names, labels, units, terms of the load and fields of these."""
-        known: dict[str, Any] = {name: [(name, labels, unit, None, name)] for name, (labels, unit) in OWN.items()}
+    def _known(self) -> dict[str, list[Parameter]]:
+        """Return what each name stands for."""
         spin = self.problem.systems.spin
-        if spin is not None:
-            known["spin"] = [("spin", tuple(map(str, range(len(spin.values)))), "rad s-1", None, "spin")]
+        own = OWN if spin is None else OWN | {"spin": (tuple(map(str, range(len(spin.values)))), "rad s-1")}
+        known = {name: [Parameter(name, labels, unit, name)] for name, (labels, unit) in own.items()}
         for k, term in enumerate(self.terms):
             for field, (labels, unit) in parameters_of(term).items():
-                one = f"load[{k}].{field}", labels, unit, k, field
-                known[one[0]] = [one]
+                one = Parameter(f"load[{k}].{field}", tuple(labels), unit, field, k)
+                known[one.name] = [one]
                 if field != "scale" and field not in OWN:
                     known.setdefault(field, []).append(one)
         return known
@@ -162,11 +153,8 @@ class Parameters:
     @property
     def inertias(self) -> Array:
         """The changes of the inertia, of a body with wheels that of their carrier, by each number, (count, 3, 3)."""
-        found = np.zeros((self.count, 3, 3))
-        for one in self.all:
-            if len(own := self.inertias_of(one)):
-                found[one.first : one.first + len(own)] = own
-        return found
+        each = ((self.inertias_of(one), np.zeros((len(one.labels), 3, 3))) for one in self.all)
+        return np.concatenate([own if len(own) else none for own, none in each])
 
     @property
     def labels(self) -> list[str]:
@@ -181,9 +169,7 @@ class Parameters:
     def _changes_of(self, one: Parameter) -> list[Changes]:
         """Return what each number of a parameter does to the numbers of terms."""
         if one.term is None:
-            if not self._drawn or not one.field.endswith("inertia"):
-                return []
-            columns = self._inertias(one.field)
+            columns = self.inertias_of(one) if self._drawn else ()
             return [[(term, changed(term.of_body, 0.0 * dJ, dJ, 1.0)) for term in self._drawn] for dJ in columns]
         term = self.terms[one.term]
         if not is_called(term) or isinstance(term, ForceTable):
@@ -212,23 +198,18 @@ class Parameters:
         Of the velocity that was given, a part of this size along the axis has been `removed`: with c the prescribed
         spin, W = (I - n⊗n) given + c n turns with the axis by c dn - (dn (n·given) + n (dn·given)).
         """
-        found = np.zeros((rows, self.count))
-        systems, W = self.problem.systems, velocity
-        n = None if systems.axis is None else systems.axis[0]
-        across = np.eye(3) if n is None else np.eye(3) - np.outer(n, n)
+        found, t0, n, across = np.zeros((rows, self.count)), self.problem.t_start, self._axis, self._across
         for one in self.all:
             at = slice(one.first, one.first + len(one.labels))
-            if one.term is not None:
-                continue
-            if one.field == "rotation":
+            if one.name == "rotation":
                 found[:3, at] = np.eye(3)
-            elif one.field == "material_angular_velocity":
+            elif one.name == "material_angular_velocity":
                 found[3:6, at] = across
-            elif one.field == "axis" and n is not None:
-                c = 0.0 if systems.spin is None else float(systems.spin_at(self.problem.t_start)[0])
-                found[3:6, at] = (c - removed) * across - np.outer(n, across @ W)
-            elif one.field == "spin" and n is not None:
-                found[3:6, at] = np.outer(n, self._spin_weights(np.array([self.problem.t_start]))[0])
+            elif one.name == "axis" and n is not None:
+                c = float(self.problem.systems.spin_at(t0)[0])
+                found[3:6, at] = (c - removed) * across - np.outer(n, across @ velocity)
+            elif one.name == "spin" and n is not None:
+                found[3:6, at] = np.outer(n, self._spin_weights(np.array([t0]))[0])
         return found
 
     @property
@@ -253,69 +234,58 @@ class Parameters:
 
     def _effects_of(self, one: Parameter) -> Iterator[Effect]:
         """Yield what a parameter does; `changes` are those of the parameters before it, and become its own too."""
-        systems, first, n = self.problem.systems, one.first, self.problem.systems.axis
+        first, n, wheels = one.first, self._axis, self.problem.load.wheels
         if changes := self._changes_of(one):
-            k = np.arange(len(changes))
-            yield _always("terms", len(self.changes) + k, first + k, np.ones(len(k)))
+            yield _always("terms", np.eye(len(changes)), first, len(self.changes))
             self.changes += changes
-        if one.field in ("axis", "spin") and n is not None and self.problem.load.wheels:
-            raise ValueError(f"runs with wheels have no derivatives by {one.field}, which their momenta begin with")
+        if one.name in ("axis", "spin") and n is not None and wheels:
+            raise ValueError(f"runs with wheels have no derivatives by {one.name}, which their momenta begin with")
         if len(inertias := self.inertias_of(one)):
-            columns = np.array([[dJ[e] for dJ in inertias] for e in ENTRIES])
-            entry, parameter = np.nonzero(columns)
-            yield _always("inertia", entry, first + parameter, columns[entry, parameter])
+            yield _always("inertia", np.array([[dJ[e] for dJ in inertias] for e in ENTRIES]), first)
         if one.term is not None:
             yield from self._effects_of_term(self.terms[one.term], one.field, first, self._scale)
-        elif one.field == "axis" and n is not None:
-            yield _matrix("axis", np.eye(3) - np.outer(n[0], n[0]), first)
-        elif one.field == "dead_force":
-            yield _always("dead", np.arange(9), first + np.arange(9), np.ones(9))
-        elif one.field == "spin":
+        elif one.name == "axis" and n is not None:
+            yield _always("axis", self._across, first)
+        elif one.name == "dead_force":
+            yield _always("dead", np.eye(9), first)
+        elif one.name == "spin":
             yield Effect(("spin",), partial(self._of_spin, first))
-        elif one.field == "material_angular_velocity" and self.problem.load.wheels:
-            across = np.eye(3) if n is None else np.eye(3) - np.outer(n[0], n[0])
-            locked = sum((wheel.locked for wheel in self.problem.load.wheels), np.zeros((3, 3))) @ across
-            yield Effect(("rotor",), partial(_at_middles, _matrix("rotor", locked, first)))
-        elif one.field == "load_scale":
+        elif one.name == "material_angular_velocity" and wheels:
+            locked = sum((wheel.locked for wheel in wheels), np.zeros((3, 3))) @ self._across
+            yield Effect(("rotor",), lambda nodes: [_fixed("rotor", np.tile(locked, (len(nodes.middles), 1)), first)])
+        elif one.name == "load_scale":
             if any(map(is_called, self.terms)):
-                yield _always("factor", [0], [first], [1.0])
+                yield _always("factor", np.eye(1), first)
             for term in self.terms:
                 if not is_called(term):
                     yield from self._effects_of_term(term, "scale", first, term.scale)
-        elif one.field == "duration":
-            own = ("spin",) if systems.spin is not None else ()
-            yield Effect(("step", *own), partial(self._longer, first))
-            if any(is_called(term) and not isinstance(term, ForceTable) for term in self.terms):
+        elif one.name == "duration":
+            yield Effect(("step", *["spin"] * (self.problem.systems.spin is not None)), partial(self._longer, first))
+            if "" in map(_input_of, self.terms):
                 yield Effect(("time",), partial(self._later, first))
             for term in self.terms:
-                if isinstance(term, Rotor | Wheel):
-                    yield Effect(("rotor", "rate"), partial(self._later_rotor, term, first))
-                elif isinstance(term, ForceTable) or (term.kind in ("body", "space") and not is_called(term)):
-                    yield Effect((_input_of(term),), partial(self._later_moment, term, first))
+                if _input_of(term) in NODAL:
+                    yield from self._effects_of_term(term, LATER, first, self._scale)
 
     def _effects_of_term(self, term: Term, field: str, first: int, factor: float) -> Iterator[Effect]:
-        """Yield what a parameter of a term does, times a factor."""
+        """Yield what a parameter of a term does, or that all is `LATER`, times a factor."""
         name = _input_of(term)
-        if isinstance(term, Rotor | Wheel):
+        if name == "rotor":
             yield Effect(("rotor", "rate"), partial(self._of_rotor, term, field, first, factor))
-        elif isinstance(term, ForceTable):
-            yield Effect((name,), lambda nodes: [_nodal(name, table_slopes(term, field, nodes.times), first, nodes)])
-        elif is_called(term):
-            if self._orbits and field == "mean_motion":
-                yield _always("orbit", [0], [first], [1.0])
-        elif term.kind in ("body", "space"):
-            yield Effect(
-                (name,), lambda nodes: [_nodal(name, moment_slopes(term, field, nodes.times), first, nodes, factor)]
-            )
-        else:
-            fixed = fixed_slopes(term, field)
-            yield _always(name, fixed.component, first + fixed.parameter, factor * fixed.value)
+        elif name in NODAL:
+            yield Effect((name,), partial(self._of_nodes, term, field, first, factor))
+        elif name:
+            yield _always(name, factor * fixed_slopes(term, field), first)
+        elif self._orbits and field == "mean_motion":
+            yield _always("orbit", np.eye(1), first)
 
     def inertias_of(self, one: Parameter) -> Array:
         """Return the changes of the inertia, of a body with wheels that of their carrier, (count or 0, 3, 3)."""
-        if one.term is None:
-            return self._inertias(one.field) if one.field in ("inertia", "principal_inertia") else np.zeros((0, 3, 3))
-        wheel = self.terms[one.term]
+        if one.name == "inertia":
+            return BASIS
+        if one.name == "principal_inertia":
+            return np.array([np.outer(q, q) for q in principal_axes(self.problem.systems.convected_inertia[0]).T])
+        wheel = None if one.term is None else self.terms[one.term]
         if not isinstance(wheel, Wheel) or one.field not in ("inertia", "wheel"):
             return np.zeros((0, 3, 3))
         n = wheel.direction
@@ -323,13 +293,6 @@ class Parameters:
             return -np.outer(n, n)[None]
         across = np.eye(3) - np.outer(n, n)
         return -wheel.inertia * (across[:, :, None] * n + n[:, None] * across[:, None])
-
-    def _inertias(self, field: str) -> Array:
-        """Return the changes of the inertia by the numbers of a parameter, (count, 3, 3)."""
-        if field == "inertia":
-            return BASIS
-        Q = principal_axes(self.problem.systems.convected_inertia[0])
-        return np.array([np.outer(q, q) for q in Q.T])
 
     def _spin_weights(self, times: Array) -> Array:
         """Return the derivatives of the spin at (n,) times by the values of its table, (n, k).
@@ -345,31 +308,59 @@ class Parameters:
         step, k = np.nonzero(change)
         yield Entries("spin", 0 * k, first + k, change[step, k], nodes.first + step)
 
-    def _of_rotor(
-        self, term: Rotor | Wheel, field: str, first: int, factor: float, nodes: StepNodes
-    ) -> Iterator[Entries]:
-        """Yield what a parameter of a rotor, or of a wheel whose momentum is known, does to its momentum."""
-        ends = nodes.begin, nodes.end
-        if isinstance(term, Wheel):
-            begin, end = (Slopes.of(self.slopes_of_wheel(term, field, t, factor)) for t in ends)
+    def _of_nodes(self, term: Term, field: str, first: int, factor: float, nodes: StepNodes) -> Iterator[Entries]:
+        """Yield what a parameter of a moment of time, or of a table of forces, does to it at the nodes."""
+        later = self._later_by(nodes)[1] if field == LATER else None
+        slopes, name = slopes_of_time(term, field, nodes.times, later), _input_of(term)
+        place = INPUTS[name] * (slopes.row % len(nodes.middles)) + slopes.component
+        value = slopes.value if name == "forces" else factor * slopes.value
+        yield Entries(name, place, first + slopes.parameter, value, nodes.of_nodes[slopes.row])
+
+    def _of_rotor(self, term: Any, field: str, first: int, factor: float, nodes: StepNodes) -> Iterator[Entries]:
+        """Yield what a parameter of a rotor, or of a wheel whose momentum is known, does to its momentum.
+
+        The momentum changes at the nodes, on the chords of the steps, and so does its rate.
+        """
+        if isinstance(term, Wheel) and term.times.size and (what := NOT_OF_TABLES.get(field)):
+            raise ValueError(f"runs have no derivatives by {what} a wheel whose torque is a table")
+        at, times = self._later_by(nodes)[0], (nodes.begin, nodes.end)
+        if isinstance(term, Wheel) and field != LATER:
+            ends = [Slopes.of(self._slopes_of_wheel(term, field, t, factor)) for t in times]
             factor = 1.0
         else:
-            begin, end = (rotor_slopes(term, field, t) for t in ends)
-        yield from _rotor(begin, end, first, nodes, factor)
+            ends = [momentum_slopes(term, field, t, by) for t, by in zip(times, (at[:-1], at[1:]), strict=True)]
+        steady = all(np.array_equal(one, other) for one, other in zip(*ends, strict=True))
+        for sign, slopes in zip((-1.0, 1.0), ends, strict=True):
+            step, parameter = nodes.first + slopes.row, first + slopes.parameter
+            value = factor * slopes.value
+            if not steady:  # else they cancel
+                yield Entries("rate", slopes.component, parameter, sign * value / nodes.sizes[slopes.row], step)
+            for j, c in enumerate(nodes.middles.tolist()):
+                weight = c if sign > 0 else 1.0 - c
+                yield Entries("rotor", 3 * j + slopes.component, parameter, weight * value, step)
+        if field == LATER:  # and so are the steps
+            h, h1 = (term.history(t)[0][:, None] * term.direction for t in times)
+            change = term.scale * (h1 - h)
+            change *= -(at[1:] - at[:-1])[:, None] / (nodes.sizes**2)[:, None]
+            row, component, parameter, value = Slopes.of(change[..., None])
+            yield Entries("rate", component, first + parameter, factor * value, nodes.first + row)
 
-    def slopes_of_wheel(self, wheel: Wheel, field: str, times: Array, factor: float) -> Array:
+    def _slopes_of_wheel(self, wheel: Wheel, field: str, times: Array, factor: float) -> Array:
         """Return the derivatives of h n of a wheel at (n,) times by a parameter, (n, 3, count)."""
         n, own, t0, systems = wheel.direction, factor * wheel.scale, self.problem.t_start, self.problem.systems
-        if field not in ("inertia", "wheel"):
-            return factor * (wheel.slopes_of_momentum(field, times, t0)[:, None] * n)[..., None]
-        W = self.problem.velocity[0] + (0.0 if systems.axis is None else systems.spin_at(t0)[0] * systems.axis[0])
-        speed = own * wheel.speed + n @ W
+        W = self.problem.velocity[0] + (0.0 if self._axis is None else systems.spin_at(t0)[0] * self._axis)
+        speed, one = own * wheel.speed + n @ W, np.ones(len(times))
+        if field == "wheel":
+            across, h = np.eye(3) - np.outer(n, n), wheel.inertia * speed + own * wheel.impulse(times - t0)
+            return h[:, None, None] * across + wheel.inertia * np.outer(n, across @ W)
         if field == "inertia":
-            return np.tile(speed * n, (len(times), 1))[..., None]
-        if wheel.times.size:
-            raise ValueError("runs have no derivatives by the axis of a wheel whose torque is a table")
-        across, h = np.eye(3) - np.outer(n, n), wheel.inertia * speed + own * wheel.impulse(times - t0)
-        return h[:, None, None] * across + wheel.inertia * np.outer(n, across @ W)
+            return (one[:, None] * (speed * n))[..., None]
+        # what is added to the torque of a table acts as long as the table does
+        ends = wheel.times[[0, -1]] if wheel.times.size else (-np.inf, np.inf)
+        by_speed, by_torque = wheel.inertia * one, np.clip(times, *ends) - np.clip(t0, *ends)
+        by = {"speed": wheel.scale * by_speed, "torque": wheel.scale * by_torque}
+        by["scale"] = wheel.speed * by_speed + wheel.torque * by_torque
+        return factor * (by[field][:, None] * n)[..., None]
 
     # ---- a longer last stretch, with as many steps: longer steps, and later nodes
 
@@ -403,34 +394,6 @@ class Parameters:
         k = np.arange(nodes.first, nodes.last)
         yield Entries("time", 0 * k, first + 0 * k, self._later_by(nodes)[0][:-1], k)
 
-    def _later_moment(self, term: Term, first: int, nodes: StepNodes) -> Iterator[Entries]:
-        """Yield what it does to a moment of the time."""
-        later = self._later_by(nodes)[1]
-        if isinstance(term, ForceTable):
-            rates, factor = term.scale * forces_rates(term, nodes.times), 1.0
-        else:
-            rates, factor = moment_rates(term, nodes.times), self._scale
-        yield _nodal(_input_of(term), Slopes.of((rates * later[:, None])[..., None]), first, nodes, factor)
-
-    def _later_rotor(self, term: Rotor | Wheel, first: int, nodes: StepNodes) -> Iterator[Entries]:
-        """Yield what it does to the momentum of a rotor or a wheel, and to its rate."""
-        if isinstance(term, Wheel) and term.times.size:
-            raise ValueError("runs have no derivatives by the duration with a wheel whose torque is a table")
-        at, ends, n = self._later_by(nodes)[0], (nodes.begin, nodes.end), term.direction
-        if isinstance(term, Wheel):
-            chords, momenta = [term.torque_at(t) for t in ends], [term.impulse(t)[:, None] * n for t in ends]
-        else:
-            chords, momenta = [chord(term.times, term.values, t) for t in ends], [term.momentum(t) for t in ends]
-        moved = [
-            Slopes.of(((term.scale * rate * by)[:, None] * n)[..., None])
-            for rate, by in zip(chords, (at[:-1], at[1:]), strict=True)
-        ]
-        yield from _rotor(moved[0], moved[1], first, nodes, self._scale)
-        change = term.scale * (momenta[1] - momenta[0])
-        change *= -(at[1:] - at[:-1])[:, None] / (nodes.sizes**2)[:, None]
-        row, component, parameter, value = Slopes.of(change[..., None])
-        yield Entries("rate", component, first + parameter, self._scale * value, nodes.first + row)
-
 
 def principal_axes(J: Array) -> Array:
     """Return the axes that `principal_inertia` is about, as columns."""
@@ -444,43 +407,21 @@ def changed(make: Callable[[Array], Term], value: Array, unit: Array, size: floa
 
 
 def _input_of(term: Term) -> str:
-    """Return the input of steps that a term is, or adds to."""
+    """Return the input of steps that a term is, or adds to; "" of one that is called with the state."""
+    if isinstance(term, ForceTable):
+        return "forces"
+    if is_called(term):
+        return ""
     inputs = {"body": "moving", "space": "space", "state": "damping"}
-    return "forces" if isinstance(term, ForceTable) else inputs.get(term.kind, "dead")
+    return "rotor" if isinstance(term, Rotor | Wheel) else inputs.get(term.kind, "dead")
 
 
-def _always(name: str, component: Any, parameter: Any, value: Any) -> Effect:
-    """Return the effect of parameters on an input of all steps."""
-    entries = Entries(name, np.asarray(component), np.asarray(parameter), np.asarray(value))
+def _fixed(name: str, change: Array, first: int, place: int = 0) -> Entries:
+    """Return what parameters do to an input of all steps, by its changes by each of them, (components, count)."""
+    component, parameter = np.nonzero(change)
+    return Entries(name, place + component, first + parameter, change[component, parameter])
+
+
+def _always(name: str, change: Array, first: int, place: int = 0) -> Effect:
+    entries = _fixed(name, change, first, place)
     return Effect((name,), lambda nodes: [entries])
-
-
-def _matrix(name: str, change: Array, first: int) -> Effect:
-    """Return the effect of three parameters on a vector that is an input of all steps."""
-    component, parameter = np.indices((3, 3)).reshape(2, -1)
-    return _always(name, component, first + parameter, change.ravel())
-
-
-def _at_middles(effect: Effect, nodes: StepNodes) -> Iterator[Entries]:
-    """Yield an effect on a vector, at every node of a step."""
-    (one,) = effect.entries(nodes)
-    for j in range(len(nodes.middles)):
-        yield one._replace(component=3 * j + one.component)
-
-
-def _nodal(name: str, slopes: Slopes, first: int, nodes: StepNodes, factor: float = 1.0) -> Entries:
-    place = INPUTS[name] * (slopes.row % len(nodes.middles)) + slopes.component
-    return Entries(name, place, first + slopes.parameter, factor * slopes.value, nodes.of_nodes[slopes.row])
-
-
-def _rotor(begin: Slopes, end: Slopes, first: int, nodes: StepNodes, factor: float) -> Iterator[Entries]:
-    """Yield the changes of the momentum of a rotor at the nodes, on the chords of the steps, and of its rate."""
-    steady = all(np.array_equal(one, other) for one, other in zip(begin, end, strict=True))
-    for sign, slopes in ((-1.0, begin), (1.0, end)):
-        step, parameter = nodes.first + slopes.row, first + slopes.parameter
-        value = factor * slopes.value
-        if not steady:  # else they cancel
-            yield Entries("rate", slopes.component, parameter, sign * value / nodes.sizes[slopes.row], step)
-        for j, c in enumerate(nodes.middles.tolist()):
-            weight = c if sign > 0 else 1.0 - c
-            yield Entries("rotor", 3 * j + slopes.component, parameter, weight * value, step)

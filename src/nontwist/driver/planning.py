@@ -20,6 +20,7 @@ from ..integrators.load_samples import internal_states as first_states
 from ..integrators.problem import Stretches, stretched
 from ..loads import Load, Term, as_load, damping
 from ..loads.base import of_body
+from ..loads.memory import carried_on
 from ..loads.potentials import GravityGradient
 from ..models.stack import SystemStack, stacked
 from ..models.system import DirectorSystem
@@ -274,13 +275,16 @@ def internal_states(systems: SystemStack, load: Load, begin: Starts, time: float
         return None
     if begin.internal is None:
         return first_states(systems, load, time, begin.velocity, begin.load_scale)
-    found, count = begin.internal.shape[1], load.internal_state.size
-    if found != count:
-        raise ValueError(
-            f"start= ends with {found} internal states, and the load has {count}; continue with the load of that run, "
-            "or start from its rotation and angular velocity, with speed= of wheels"
-        )
-    return np.broadcast_to(begin.internal, (len(begin.quaternion), count))
+    had, own = begin.wheels, load.wheels
+    z = carried_on(begin.internal, had, own)
+    wheels, states = ("wheels", len(had or own), len(own)), ("internal states", z.shape[1], load.internal_state.size)
+    for what, found, count in (wheels, states):
+        if found != count:
+            raise ValueError(
+                f"start= ends with another number of {what}, {found}, than the load has, {count}; continue with the "
+                "load of that run, or start from its rotation and angular velocity, with speed= of wheels"
+            )
+    return np.broadcast_to(z, (len(begin.quaternion), z.shape[1]))
 
 
 def known_body(load: Load, systems: SystemStack) -> Load:

@@ -21,7 +21,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import lru_cache, partial
+from functools import cache, lru_cache, partial
 from typing import Any
 
 import numpy as np
@@ -87,7 +87,7 @@ class Rubbed(Contacts):
     def __init__(self, scheme: Integrator, problem: IVP) -> None:
         super().__init__(scheme, problem)
         self.axis = np.empty((0, 3)) if self.body.axis is None else self.body.axis[None]
-        self._in_mode = dict[tuple[int, int], Wheel]()
+        self._in_mode = cache(lambda a, mode: replace(self.wheels[a], mode=mode))
         self.nodes, self.at_nodes, self.most = problem.times(np.arange(problem.steps + 1)), False, STEPS
         self.pieces = [Piece(np.array([self.t]), self.state.part(None), None)]
         self.failure: Failure | None = None
@@ -222,11 +222,7 @@ class Rubbed(Contacts):
         numbers = iter(range(len(self.wheels)))
 
         def term_of(wheel: Wheel) -> Wheel:
-            if (a := next(numbers)) not in modes:
-                return wheel
-            if (key := (a, modes[a])) not in self._in_mode:
-                self._in_mode[key] = replace(self.wheels[a], mode=modes[a])
-            return self._in_mode[key]
+            return self._in_mode(a, modes[a]) if (a := next(numbers)) in modes else wheel
 
         return Load(tuple(term_of(one) if isinstance(one, Wheel) else one for one in self.load.terms))
 

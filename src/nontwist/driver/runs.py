@@ -9,16 +9,16 @@ of a state that is taken up again. No kink of the load is crossed: a stored inte
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..analysis.datasets import RUN, as_dataset, recorded
+from ..analysis.datasets import RUN, as_dataset
 from ..analysis.joining import parts_of
 from ..analysis.trajectory import Trajectory, state_dataset, stretches_from
+from ..analysis.variables import VARIABLES
 from ..geometry.arrays import Array, as_array
 from ..geometry.attitudes import States, states_of, without_jumps
 from ..integrators import INTEGRATORS, IVP, Integrator, SimulationError, SimulationInterrupt
@@ -255,29 +255,51 @@ def resample(run: xarray.Dataset, times: ArrayLike, load: Load | Term | None = N
     if outside.any():
         bad = int(np.argmax(outside))
         raise ValueError(f"times[{bad}] = {x[bad]:.12g} s lies outside of the run, {t[0]:.12g} s to {t[-1]:.12g} s")
-    if len(parts := parts_of(run)) > 1:
-        return _resampled_parts(run, parts, x, load)
-    return _resampled(run, x, load, float(t[-1]))
+    parts, system = parts_of(run), DirectorSystem.from_json(run.attrs["system"])
+    if load is not None and any(part["load"] != parts[0]["load"] for part in parts):
+        raise ValueError(
+            "the parts of the run have different loads: leave load= out, or resample each before join_runs"
+        )
+    p, q, v, W = (run[name].transpose(*VARIABLES[name][0]).values for name in NEEDED[1:])
+    N, z = states_of(q, v)[2], run["internal_state"].transpose("time", ...).values if "internal_state" in run else None
+    stored = States(p, W, N if abs(N).max() > completion.TANGENT * max(abs(W).max(), 1e-300) else None, internal=z)
+    spans = [(max(part["t_start"], t[0]), min(part["t_end"], t[-1])) for part in parts]
+    kept = [k for k, (first, last) in enumerate(spans) if first < last]
+    of = np.searchsorted([part["t_end"] for part in parts[:-1]], x)  # at a seam the earlier one
+    of, found, states = np.clip(of, kept[0], kept[-1]), [], stored
+    for k in kept:
+        (first, last), here, seam = spans[k], of == k, states.part(slice(-1, None))
+        acting = of_body(load_of(parts[k]["load"]) if load is None else as_load(load), system.inertia)
+        if acting.remembering:
+            as_dataset(run, RUN, ("internal_state",))
+        own = (t >= first) & (t <= last)
+        nodes, states = t[own], stored.part(own)
+        if nodes[0] != first:  # the state at the seam is not stored
+            nodes, pairs = np.append(first, nodes), zip(seam, states, strict=True)
+            states = States(*(x if x is None else np.concatenate([a, x]) for a, x in pairs))  # type: ignore[arg-type]
+        at = x[here] if len(parts) == 1 else np.append(x[here], last)
+        states = _between(parts[k], system, acting, nodes, states, at, last)
+        found.append((np.flatnonzero(here), state_dataset(system, acting, x[here], states.part(slice(here.sum())))))
+    whole = found[0][1]
+    if len(found) > 1:
+        import xarray
+
+        names = [name for name in whole.data_vars if all(name in one for _, one in found)]
+        whole = xarray.concat([one[names] for _, one in found], "time", data_vars="minimal")
+        whole = whole.isel(time=np.argsort(np.concatenate([places for places, _ in found])))
+        whole["quaternion"].values[:] = without_jumps(whole["quaternion"].values.copy())
+    return whole.assign_attrs(run.attrs | {"resampled": "between stored states"})
 
 
-def _resampled(run: xarray.Dataset, x: Array, load: Load | Term | None, t_end: float) -> xarray.Dataset:
-    """Return a run with one load at times from its first stored state to `t_end`, after its last one perhaps."""
-    t = run["time"].values
-    until = np.append(t, t_end)
-    system, scheme = DirectorSystem.from_json(run.attrs["system"]), _integrator(run)
-    load = load_of(recorded(run, "load")) if load is None else as_load(load)
-    load = of_body(load, system.inertia)
-    q, v = (run[name].transpose("time", "director", "axis").values for name in NEEDED[2:4])
-    p, W = (run[name].transpose("time", ...).values for name in (NEEDED[1], NEEDED[4]))
-    N = states_of(q, v)[2]
-    stored = States(p, W, N if abs(N).max() > completion.TANGENT * max(abs(W).max(), 1e-300) else None)
-    if load.remembering:
-        as_dataset(run, RUN, ("internal_state",))
-        stored = stored._replace(internal=run["internal_state"].transpose("time", ...).values)
+def _between(
+    part: dict[str, Any], system: DirectorSystem, load: Load, t: Array, stored: States, x: Array, t_end: float
+) -> States:
+    """Return the states of a part of a run at times from its first known one to `t_end`, after its last one perhaps."""
+    scheme, body = _integrator(part["integrator"]), stacked(system)
+    stored = stored if load.remembering else stored._replace(internal=None)
     wanted, place = np.unique(x, return_inverse=True)
     of = np.searchsorted(t, wanted, side="right") - 1
     found, rest = stored.part(of), np.flatnonzero(t[of] != wanted)
-    body, whole = stacked(system), stretched(t, np.ones(len(t) - 1))
 
     def problem(k: int, grid: Stretches, output_times: Array) -> IVP:
         """Return the problem that starts with the stored state number `k`."""
@@ -288,18 +310,17 @@ def _resampled(run: xarray.Dataset, x: Array, load: Load | Term | None, t_end: f
         )
 
     if len(rest) and wanted[-1] < t[-1]:
-        one = replace(problem(0, whole, wanted[rest]), stored=np.arange(len(t)))
-        inner = completion.between(scheme, one, stored)
-        if inner is not None:
+        one = replace(problem(0, stretched(t, np.ones(len(t) - 1)), wanted[rest]), stored=np.arange(len(t)))
+        if (inner := completion.between(scheme, one, stored)) is not None:
             _put(found, rest, inner)
             rest = rest[:0]
     groups = [(int(k), rest[of[rest] == k]) for k in np.unique(of[rest])]
     if scheme.any_times:
         groups = [(0, rest)] if len(rest) else []
-    pace = with_spin_kinks(load, body)
+    pace, until = with_spin_kinks(load, body), np.append(t, t_end)
     for k, here in groups:
         output_times = wanted[here]
-        grid = stretched((t[k], output_times[-1]), (1,)) if scheme.any_times else _grid(run, pace, t[k], until[k + 1])
+        grid = stretched((t[k], output_times[-1]), (1,)) if scheme.any_times else _grid(part, pace, t[k], until[k + 1])
         one = replace(problem(k, grid, output_times), off_grid=scheme.any_times)
         outcome = completion.march(scheme, one)
         if (failure := outcome.failure()) is not None:
@@ -308,44 +329,7 @@ def _resampled(run: xarray.Dataset, x: Array, load: Load | Term | None, t_end: f
             raise SimulationError(message, status, float(t[k]), h, failure.residual) from failure.cause
         _put(found, here, outcome.states.part(0))
     states = found.part(place)
-    states = states._replace(quaternion=without_jumps(states.quaternion))
-    return state_dataset(system, load, x, states).assign_attrs(run.attrs | {"resampled": "between stored states"})
-
-
-def _resampled_parts(
-    run: xarray.Dataset, parts: list[dict[str, Any]], times: Array, load: Load | Term | None
-) -> xarray.Dataset:
-    """Return a run of several parts at other times, with the load, the integrator and the steps of each part."""
-    import xarray
-
-    if load is not None and any(part["load"] != parts[0]["load"] for part in parts):
-        raise ValueError(
-            "the parts of the run have different loads: leave load= out, or resample each before join_runs"
-        )
-    t, found = run["time"].values, []
-    needed = [name for name in (*NEEDED[1:], "internal_state") if name in run]
-    seam: Any = None
-    of = np.searchsorted([part["t_end"] for part in parts[:-1]], times)  # at a seam the earlier one
-    spans = [(max(part["t_start"], t[0]), min(part["t_end"], t[-1])) for part in parts]
-    kept = [k for k, (first, last) in enumerate(spans) if first < last]
-    of = np.clip(of, kept[0], kept[-1])
-    for k in kept:
-        part, (first, last) = parts[k], spans[k]
-        attrs = {name: json.dumps(part[name]) for name in ("load", "integrator")}
-        attrs |= {name: part[name] for name in ("step", "stretches") if name in part}
-        own = run[needed].isel(time=(t >= first) & (t <= last))
-        if own["time"][:1].values != [first]:  # the state at the seam is not stored
-            own = xarray.concat([seam, own], "time", data_vars="minimal", join="override", combine_attrs="override")
-        own.attrs = {"system": run.attrs["system"], **attrs}
-        output_times = times[of == k]
-        ended = _resampled(own, np.append(output_times, last), load, last)
-        seam = ended[needed].isel(time=slice(-1, None))
-        found.append((np.flatnonzero(of == k), ended.isel(time=slice(0, len(output_times)))))
-    names = [name for name in found[0][1].data_vars if all(name in one for _, one in found)]
-    whole = xarray.concat([one[names] for _, one in found], "time", data_vars="minimal")
-    whole = whole.isel(time=np.argsort(np.concatenate([places for places, _ in found])))
-    whole["quaternion"].values[:] = without_jumps(whole["quaternion"].values.copy())
-    return whole.assign_attrs(run.attrs | {"resampled": found[0][1].attrs["resampled"]})
+    return states._replace(quaternion=without_jumps(states.quaternion))
 
 
 def _put(found: States, at: Any, states: States) -> None:
@@ -354,9 +338,9 @@ def _put(found: States, at: Any, states: States) -> None:
             target[at] = source
 
 
-def _grid(run: Any, load: Load, a: float, b: float) -> Stretches:
+def _grid(part: dict[str, Any], load: Load, a: float, b: float) -> Stretches:
     """Return the grid of the run between two stored times; all kinks of the load are nodes of it."""
-    known, h = stretches_from(run.attrs.get("stretches")), float(run.attrs.get("step") or b - a)
+    known, h = stretches_from(part.get("stretches")), float(part.get("step") or b - a)
     if known is not None:
         load = load + body_moment(known.borders, np.zeros((len(known.borders), 3)))
     borders = np.concatenate([[a], kinks(load, a, b), [b]])
@@ -365,8 +349,7 @@ def _grid(run: Any, load: Load, a: float, b: float) -> Stretches:
     return stretched(borders, np.maximum(1, np.ceil(np.diff(borders) / h * (1 - FIT))))
 
 
-def _integrator(run: Any) -> Integrator:
-    known = recorded(run, "integrator")
+def _integrator(known: dict[str, Any]) -> Integrator:
     try:
         name = known.pop("name")
         if name not in INTEGRATORS:

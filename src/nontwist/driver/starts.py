@@ -16,6 +16,8 @@ from ..geometry.attitudes import attitudes, states_of
 from ..integrators.problem import Stretches
 from ..loads import Load
 from ..loads.kinds import load_in_words
+from ..loads.memory import Column, recorded_wheels
+from ..loads.terms import Record
 from ..models.stack import SystemStack, stacked
 from ..models.system import DirectorSystem
 from .grid import is_too_short
@@ -136,6 +138,7 @@ class Starts(NamedTuple):
     grid: Stretches | None = None  # counted from there
     memory: Array | None = None  # (m, ...)
     internal: Array | None = None  # (m, k) internal states of loads with memory
+    wheels: tuple[Column, ...] = ()  # whose states are among them
     removed: Array = np.zeros(1)  # (1,) or (m,), rad/s: the part of W along the constrained axis before it was removed
 
 
@@ -187,9 +190,10 @@ def starts(
     elif given is not None:
         raise ValueError("start= is a run and brings its velocities; leave the angular velocity out")
     else:
-        axis = _new_axis(start, systems)
+        axis, records = _new_axis(start, systems), _records(start)
+        begin = begin._replace(wheels=tuple(recorded_wheels(records)))
         if load is not None:
-            _require_memory(start, load, begin)
+            _require_memory(records, load, begin)
     p, W, N = begin[:3]
     if angular_velocity is not None:
         R = attitudes(p)
@@ -376,13 +380,17 @@ def _new_axis(start: Any, systems: SystemStack) -> Array | None:
     return None if abs(found.axis - axis).max() <= SAME else axis
 
 
-def _require_memory(start: Any, load: Load, begin: Starts) -> None:
-    """Warn of wheels and a memory that the load does not carry on; a ValueError where a run has lost their states."""
+def _records(start: Any) -> list[Record]:
+    """Return what the load at the end of a run is, as far as it states that."""
     if isinstance(start, Trajectory):
-        records = start.load
-    else:
-        records = recorded(start, "load") if "load" in start.attrs else []
-        records = recorded(start, "joined")[-1]["load"] if "joined" in start.attrs else records
+        return start.load
+    if "joined" in start.attrs:
+        return recorded(start, "joined")[-1]["load"]
+    return recorded(start, "load") if "load" in start.attrs else []
+
+
+def _require_memory(records: list[Record], load: Load, begin: Starts) -> None:
+    """Warn of wheels and a memory that the load does not carry on; a ValueError where a run has lost their states."""
     before, now = ([one for one in many if one["kind"] == "memory"] for many in (records, load.description))
     if before and now and begin.internal is None:
         raise ValueError("start= lacks internal_state, from which its wheels and memory continue; keep all variables")

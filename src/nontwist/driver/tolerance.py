@@ -70,7 +70,6 @@ HARMONICS = 1.5  # rates in a motion over the largest |w|
 STEADY = 2.0  # rad, at which c is measured: of every order above round-off; a gyration in a step that is resolved
 OVERRATED = 1.6  # estimates of |w| that are so much too large are corrected
 COARSE = (Status.TURN, Status.STALLED, Status.BROKEN)
-ENDED = (Status.INTERRUPTED, Status.JUMP)
 ENOUGH = 1_000_000  # steps, of a run that is given up where it would need more
 LOW, LONGER = 4, 4.0  # orders whose first steps are longer than by the estimate, and how much
 DECAYS = 1e21  # of a mode in a run: behind more of them, round-off of damping is larger than the motion
@@ -96,10 +95,16 @@ class Trial(NamedTuple):
     problem: IVP
     outcome: Outcome
 
-    def has(self, *statuses: Status) -> bool:
-        """Whether a member has ended in one of these."""
-        found = self.outcome.failures[:, 0].tolist()
-        return any(status in found for status in statuses)
+    @property
+    def is_coarse(self) -> bool:
+        """Whether steps are too long for a member."""
+        return bool(np.isin(self.outcome.failures[:, 0], COARSE).any())
+
+    @property
+    def is_over(self) -> bool:
+        """Whether shorter steps are of no use: it was interrupted, or the load jumps for every member."""
+        failures = self.outcome.failures[:, 0]
+        return bool((failures == Status.INTERRUPTED).any() or (failures == Status.JUMP).all())
 
     @property
     def done(self) -> NDArray[np.bool_]:
@@ -140,7 +145,7 @@ def controlled(
     for _ in range(ROUNDS):
         if coarse is None:
             coarse = run(scheme, grid, _samples(plan, grid))
-        if floor is None and not coarse.has(*COARSE, *ENDED):
+        if floor is None and not (coarse.is_coarse or coarse.is_over):
             other = run(scheme, coarse.grid, np.array([0, coarse.grid.steps]), moved(begin))
             floor = _distance(coarse, other, ends=True) / LARGER
             if FLOORS * floor > plan.goal:
@@ -154,10 +159,10 @@ def controlled(
                 h, coarse = better, None
                 grid = _grid(linear, begin, scheme, h)
                 continue
-        fine = coarse if coarse.has(*COARSE, *ENDED) else run(scheme, finer(coarse.grid), None)
-        if fine.has(*ENDED):
+        fine = coarse if coarse.is_coarse or coarse.is_over else run(scheme, finer(coarse.grid), None)
+        if fine.is_over:
             return fine, goal, np.inf
-        if fine.has(*COARSE):
+        if fine.is_coarse:
             if 2 * coarse.grid.steps > ENOUGH:
                 break
             grid, coarse, before = _scaled(coarse.grid, 2.0), None, None
@@ -178,7 +183,7 @@ def controlled(
         if is_seen and (level > 1 or N * whole > ENOUGH or fine.grid.steps * factor > ENOUGH):
             break
         grid, coarse = _scaled(coarse.grid, factor), fine if factor <= NEARLY else None
-    if fine.has(*COARSE):  # at any step: the run says how it fails
+    if fine.is_coarse:  # at any step: the run says how it fails
         fine = run(scheme, fine.grid, None)
         return fine, goal, np.inf
     text = amplified or _unreached(scheme, plan.load, fine, goal, d, slope)
@@ -329,7 +334,9 @@ def moved(begin: Starts) -> Starts:
     turned = x + w * a + y * c - z * b, y + w * b + z * a - x * c, z + w * c + x * b - y * a, w - x * a - y * b - z * c
     W = begin.velocity * (1 + CHANGE * np.array([1, -1, 1]))
     scale = begin.load_scale * (1 + CHANGE)
-    return Starts(np.stack(turned, axis=1), W, None, scale, begin.time, internal=begin.internal)
+    return begin._replace(
+        quaternion=np.stack(turned, axis=1), velocity=W, normal=None, load_scale=scale, grid=None, memory=None
+    )
 
 
 def _within_reach(plan: Plan, floor: float, fastest: float) -> float:

@@ -17,7 +17,7 @@ of the states one row back, whatever the number of parameters. Where that is les
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -33,7 +33,7 @@ from ..loads.derivatives import with_parameter
 from ..models.spin import Spin
 from ..models.stack import stacked
 from ..models.system import DirectorSystem, euler_inertia
-from .derivatives import changes_of, differentiable, linearised_by, slopes_of, solved_with
+from .derivatives import Solved, differentiable, linearised_by
 from .ensembles import NAME, Propagator
 from .grid import stored_steps
 from .parameters import Parameter, Parameters, principal_axes
@@ -113,9 +113,9 @@ class Varied:
         named = self.named(list(tangents))
         columns = [_inwards(one, values[name], tangents[name]) for name, one in named.items()]
         along = np.concatenate(columns, axis=1).T
-        R, changes = self._changes(values, list(named), along)
-        turned, faster = changes[:, :3], changes[:, 3:]
-        return R @ hat(np.moveaxis(turned, 2, 0)), np.moveaxis(faster, 2, 0)
+        R, found = self._derived(values, list(named))
+        changes = found.changes(along) if isinstance(found, Solved) else found @ along
+        return R @ hat(np.moveaxis(changes[:, :3], 2, 0)), np.moveaxis(changes[:, 3:], 2, 0)
 
     def pull(self, values: Values, names: Sequence[str], by_attitude: Array, by_velocity: Array) -> dict[str, Array]:
         """Return the derivatives of d functions by the parameters, (d, ...), from those by the states.
@@ -123,11 +123,14 @@ class Varied:
         The latter are by the entries of Λ, (d, n, 3, 3), and by W, (d, n, 3).
         """
         named = self.named(names)
-
-        def slopes(R: Array) -> Array:
-            return np.concatenate([_vee(np.einsum("nji,dnjk->dnik", R, by_attitude)), by_velocity], axis=2)
-
-        found = self._slopes(values, names, slopes, len(by_attitude))
+        R, derived = self._derived(values, list(names))
+        turning = _vee(np.einsum("nji,dnjk->dnik", R, by_attitude))
+        rows = np.concatenate([turning, by_velocity], axis=2)
+        if isinstance(derived, Solved) and len(rows) < derived.parameters.count:
+            found = np.stack([derived.slopes(one) for one in rows])
+        else:
+            jacobian = derived.changes() if isinstance(derived, Solved) else derived
+            found = np.einsum("dni,nik->dk", rows, jacobian)
         result, at = {}, 0
         for name, one in named.items():
             k = len(one.labels)
@@ -135,33 +138,14 @@ class Varied:
             at += k
         return result
 
-    def _changes(self, values: Values, names: list[str], along: Array) -> tuple[Array, Array]:
-        """Return the attitudes, and the changes of the states along (count, d) directions, (n, 6, d)."""
+    def _derived(self, values: Values, names: list[str]) -> tuple[Array, Solved | Array]:
+        """Return the attitudes, and the run with its derivatives; of a start alone these, (n, 6, count)."""
         if OF_START.issuperset(values):
-            R, jacobian = self._of_start(values, names)
-            return R, jacobian @ along
-        solved, parameters = solved_with(*self._with(values), names)
-        R = attitudes(solved.run.quaternion[solved.rows])
-        if along.shape[1] < parameters.count:
-            return R, changes_of(solved, parameters, along)
-        return R, changes_of(solved, parameters) @ along
-
-    def _slopes(self, values: Values, names: Sequence[str], slopes: Callable[[Array], Array], d: int) -> Array:
-        """Return the derivatives of d functions by the parameters, (d, count); `slopes` are those by the states."""
-        if OF_START.issuperset(values):
-            R, jacobian = self._of_start(values, list(names))
-        else:
-            solved, parameters = solved_with(*self._with(values), list(names))
-            R = attitudes(solved.run.quaternion[solved.rows])
-            if d < parameters.count:
-                return np.stack([slopes_of(solved, parameters, one) for one in slopes(R)])
-            jacobian = changes_of(solved, parameters)
-        return np.einsum("dni,nik->dk", slopes(R), jacobian)
-
-    def _of_start(self, values: Values, names: list[str]) -> tuple[Array, Array]:
-        plain = self._plain(values)
-        R = attitudes(self._propagator(**plain).quaternion)
-        return R, np.concatenate(self._propagator.jacobian(wrt=tuple(names), **plain), axis=1)
+            plain = self._plain(values)
+            R = attitudes(self._propagator(**plain).quaternion)
+            return R, np.concatenate(self._propagator.jacobian(wrt=tuple(names), **plain), axis=1)
+        solved = Solved(*self._with(values), names)
+        return attitudes(solved.run.quaternion[solved.rows]), solved
 
     def _plain(self, values: Values) -> dict[str, Any]:
         return {**self._start, **{name: value if value.ndim else float(value) for name, value in values.items()}}

@@ -14,7 +14,7 @@ from ..kernels.machine_code import pointer_address
 from ..loads import Load
 from ..loads.base import state_moment_at
 from ..loads.derivatives import differenced, slopes_of, value_of
-from ..loads.functions import REMEDY, SMALLER, Moment, c_function, response_of
+from ..loads.functions import MOMENTS, REMEDY, SMALLER, Moment, c_function
 from ..loads.potentials import GravityGradient, Potential, Quadratic, Spring
 from ..loads.terms import ForceTerm, Term
 from ..spec import specs
@@ -50,9 +50,9 @@ class StateFunctions:
             moment = c_function(parts) if self.load.is_compiled else PythonFunction(self._moment, 3)
             self.address = self._with_address(moment).address
         if load.memories:
-            functions = ((term, self._with_address(term.c_function or evaluated(term))) for term in load.memories)
-            responses = tuple((function, term.scale, term.state0.size) for term, function in functions)
-            self.memory_response = self._with_address(response_of(responses)).address
+            parts = tuple((self._with_address(one.c_function or evaluated(one)), one.scale) for one in load.memories)
+            response = c_function(parts, MOMENTS, tuple(one.state0.size for one in load.memories))
+            self.memory_response = self._with_address(response).address
         if any(isinstance(term, ForceTerm) for term in load.terms):
             self._lay_out([*(term for term in load.functions if term.kind == "forces"), *load.potentials])
 

@@ -194,7 +194,7 @@ def linearised(text: Text, parts: Parts, wanted: Wanted) -> Kernel:
         scale, out = b.factor[0] / body.unit, b.out
         calls = FunctionCalls(parts, b, dict(wanted), is_done=text.is_midpoint)
         for k in loop(0, smaller(LANES, b.steps - b.first), n):
-            read_steps(parts, b, x, b.first + k)
+            read_steps(parts, b, lambda _: x, 1, b.first + k)
             found, is_stalled = step_derivatives(text, body, x, scale, directions, calls)
             for _ in when(any_of(is_stalled)):
                 b.failed = b.failed + 1
@@ -205,22 +205,21 @@ def linearised(text: Text, parts: Parts, wanted: Wanted) -> Kernel:
     return Kernel(kernel, "i8", n)
 
 
-def read_steps(parts: Parts, b: View, x: View, first: Any) -> None:
-    """Fill the workspace with steps; lanes beyond the last repeat it."""
+def read_steps(parts: Parts, b: View, node: Callable[[Any], View], nodes: int, first: Any) -> None:
+    """Fill what is known of the nodes of steps; lanes beyond the last repeat it.
+
+    All but what acts at a node stands in the first one.
+    """
     for l in loop(parts.lanes):
-        i, lane = smaller(first + l, b.steps - 1), x.lane(l)
-        read_ends(b, lane, i)
+        i, lane = smaller(first + l, b.steps - 1), node(0).lane(l)
+        p, W = b.quaternions.shifted(4 * i), b.velocities.shifted(3 * i)
+        lane.h, lane.p = b.sizes[i], Quaternion(p[3], p[0], p[1], p[2])
+        lane.q = Quaternion(p[7], p[4], p[5], p[6])
+        lane.W, lane.ahead = vector_at(W), vector_at(W, 3)
         if parts.is_director_scheme:
             lane.N = tuple(b.normals[6 * i + k] for k in range(6))
-        read_loads(parts, b, lane, i)
-
-
-def read_ends(b: View, lane: View, i: Any) -> None:
-    """Take over the length of the step i, and attitude and W at its ends."""
-    p, W = b.quaternions.shifted(4 * i), b.velocities.shifted(3 * i)
-    lane.h, lane.p = b.sizes[i], Quaternion(p[3], p[0], p[1], p[2])
-    lane.q = Quaternion(p[7], p[4], p[5], p[6])
-    lane.W, lane.ahead = vector_at(W), vector_at(W, 3)
+        for j in loop(nodes):
+            read_loads(parts, b, node(j).lane(l), nodes * i + j)
 
 
 def read_loads(parts: Parts, b: View, lane: View, k: Any) -> None:

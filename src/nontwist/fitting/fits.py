@@ -81,8 +81,9 @@ def fit_inertia(
         A rotor of known momentum turns in the body, which also gives the scale: J is that of the body with the rotor
         locked, kg m². Keys: `axis`, (3,) or "x", "y", "z", "-x", "-y", "-z", or "fit"; `inertia` about it, kg m²;
         `speed` relative to the body, positive by the right hand about the axis, the header of a column, or a number,
-        rad/s, left out where arrays bring it; `unit` of a column that does not state it; `error`, the relative standard
-        deviation of the momentum, by default 0. The noise of a recorded speed is estimated from its readings.
+        left out where arrays bring it; its `unit`, by default that which the column states, or rad/s; `error`, the
+        relative standard deviation of the momentum, by default 0. The noise of a recorded speed is estimated from its
+        readings.
     damping : "one", "three", float or (3,) array, optional
         A moment -C W acts. "one", "three": C is fitted, as one number or as three along the axes of the sensor.
         Numbers: C is known, N m s; this requires a known scale.
@@ -178,9 +179,9 @@ def fit_inertia(
     ReadOptions(columns=columns, **reading)  # refuses what it does not know
     reading |= {"columns": columns, "unit": unit}
     spin = None if rotor is None else rotor["speed"]
-    if isinstance(spin, str):
-        reading |= {"speed": spin, "speed_unit": rotor.get("unit")}  # type: ignore[union-attr]
-    given = [spun(one, spin) for one in as_readings(recording, reading, *as_orientation(orientation))]
+    units = {} if rotor is None else {"speed_unit": rotor.get("unit")}
+    reading |= units | ({"speed": spin} if isinstance(spin, str) else {})
+    given = [spun(one, spin, **units) for one in as_readings(recording, reading, *as_orientation(orientation))]
     model = replace(model, oriented=given[0].quaternions is not None)
     errors = {"delay": delay, "misalignment": misalignment, "axis_scales": axis_scales}
     gyroscope = as_gyroscope(plain, errors, model, given[0].has_gyroscope, isinstance(spin, str))

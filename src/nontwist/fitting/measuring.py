@@ -56,7 +56,7 @@ from ..geometry.values import short_repr
 from ..recordings.attitudes import Motion
 from ..recordings.motions import measured_quaternions, raw_motion
 from ..recordings.options import require_plain
-from ..recordings.reading import Rates, of_run, read_motion, read_rates
+from ..recordings.reading import Rates, of_run, read_motion, read_rates, speed_factor
 from .bodies import Model, of_keys
 from .motions import Line
 
@@ -407,19 +407,20 @@ def _rates(one: Any, name: str, reading: dict[str, Any], quaternions: Array | No
         for what, array, shape in zip(("rates", "speeds"), arrays[1:], ((n, 3), (n,)), strict=False):
             if array.shape != shape:
                 raise ValueError(f"{what} must have the shape {shape} as there are {n} times, got {array.shape}")
-        speed = arrays[2] if len(arrays) == 3 else None
+        speed = arrays[2] * speed_factor(reading.get("speed_unit")) if len(arrays) == 3 else None
         return Rates(time, arrays[1], name, ("rates: as given",), None, speed, quaternions).cleaned()
     raise ValueError(f"{name} must be a path, a Dataset, or (times, rates); got {short_repr(one)}")
 
 
-def spun(one: Rates, spin: Any) -> Rates:
+def spun(one: Rates, spin: Any, speed_unit: str | None = None) -> Rates:
     """Return a recording with the speed of a rotor, a number where it is constant; without one where `spin` is None."""
     if spin is None:
         return replace(one, speed=None)
     if one.speed is None:
         if isinstance(spin, str):
             raise ValueError(f"{one.name} has no columns; give the speed of the rotor as a number, rad/s")
-        return replace(one, speed=np.full(len(one.time), as_number(spin, "rotor: speed")))
+        speed = as_number(spin, "rotor: speed") * speed_factor(speed_unit)
+        return replace(one, speed=np.full(len(one.time), speed))
     if not np.isfinite(one.speed).any():
         raise ValueError(f"{one.name}: no reading of the speed of the rotor is a number")
     return one

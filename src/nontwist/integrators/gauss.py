@@ -266,11 +266,9 @@ def collocated(nodes: Nodes, state: State, alive: Any, y: Stages, motion: str) -
     least = e.ended(without(alive, for_newton))
     dP, (torque, work, arc), turn = y.total("dp"), y.total("sum"), y.total("angle")
     next_P, next_compensation = compensated(P, state.compensation, dP)
-    if e.has_rows:
-        cosm1, w = quaternion_of(Matrix(*(y.total(name) for name in e.names[1:])))
-    elif motion == "moved":
-        turn_equations = rows_of_turn(y, nodes, alive)
-        cosm1, w = quaternion_of(Matrix(*(y.total(name) for name in turn_equations.names)))
+    if e.has_rows or motion == "moved":
+        names = e.names[1:] if e.has_rows else rows_of_turn(y, nodes, alive).names
+        cosm1, w = quaternion_of(Matrix(*map(y.total, names)))
     elif motion == "heavy":
         cosm1, w = about_a_line(y, h, "g0", e.start[0], e.start[0] + y.total("dg0"), 1.0)
     else:

@@ -38,7 +38,7 @@ from ..engine.known_steps import (
     Wanted,
     column_offsets,
 )
-from ..engine.linearised import read_ends, read_loads
+from ..engine.linearised import read_steps
 from ..engine.newton import ROUND_OFF, Blocks, Scratch
 from ..engine.records import Body, Parts
 from ..kernels.control import Variables, loop, when, whilst
@@ -90,7 +90,7 @@ def linearised(s: int, motion: str, parts: Parts, wanted: Wanted) -> Kernel:
         body = View(Body, b.body).read()
         for k in loop(0, smaller(LANES, b.steps - b.first), parts.lanes):
             steps = Collocation(s, motion, parts, wanted, b, body)
-            steps.read_steps(b.first + k)
+            read_steps(parts, b, steps.node, s, b.first + k)
             for _ in when(any_of(steps.solve())):
                 b.failed = b.failed + 1
             for _ in when(any_of(steps.have_other_ends())):
@@ -124,15 +124,6 @@ class Collocation:
     def node(self, j: Any) -> View:
         """Return what is known of a node; all but what acts there stands in the first one."""
         return View(KnownStep, self._nodes.shifted(j * self._node_size), self.parts.lanes)
-
-    def read_steps(self, first: Any) -> None:
-        """Fill the nodes with steps; lanes beyond the last repeat it."""
-        b, s = self.b, self.s
-        for l in loop(self.parts.lanes):
-            i = smaller(first + l, b.steps - 1)
-            read_ends(b, self.node(0).lane(l), i)
-            for j in loop(s):
-                read_loads(self.parts, b, self.node(j).lane(l), s * i + j)
 
     def equations(self, offsets: dict[str, int], count: int) -> StageEquations:
         """Return the equations, of numbers that have derivatives in the directions at these places."""

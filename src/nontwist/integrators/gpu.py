@@ -53,10 +53,6 @@ def require(scheme: Integrator, load: Load) -> None:
 class GpuMarch(StackMarch):
     """A march of a stack on a GPU."""
 
-    def addresses(self, parts: Parts, width: int, has_outputs: bool) -> dict[str, int]:
-        """Return none: what a thread calls is in its code."""
-        return {}
-
     def _tasks(self, threads: int) -> list[tuple[Parts, int, tuple[int, int], int]]:
         ends = np.cumsum([0, *np.bincount(self.group).tolist()]).tolist()
         return [(parts, 1, span, len(self.stack)) for parts, span in zip(self.groups, pairwise(ends), strict=True)]
@@ -64,7 +60,7 @@ class GpuMarch(StackMarch):
     def _run(self, todo: Listed, width: int, first: int, last: int) -> None:
         """Carry out a list of calls for some members."""
         text, parts = self.made_for(todo.parts, 1)
-        run = member(text, parts, todo.has_outputs, self.workspace_size(1), self.shapes["states"][1])
+        run = member(text, parts, todo.values["rates"] is not None, self.workspace_size(1), self.shapes["states"][1])
         code = gpu.code_of(
             run, {(1, self.functions.generalised): generalised.text} | texts_of(self.functions.keepalive)
         )

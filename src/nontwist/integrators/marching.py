@@ -193,7 +193,7 @@ class PreparedMarch:
         assert memory is not None
         block, *keepalive = march.laid(self._todo)
         pack(block, BLOCK, **array_addresses, scales=own[PREPARED.factor :])
-        run = march.driver(self._todo).address
+        run = self._todo.driver.address
         pack(own, PREPARED, block=block, numbers=len(memory), enter=enter.address, run=run)
         states = states_in(arrays, march.skipped).part(0)
         return memory, own.data.cast("B"), own.ctypes.data, (states, block, keepalive)
@@ -240,7 +240,7 @@ class SingleStep:
         todo = listed(march, parts, 1, 0, 1)
         block, self._workspace, keepalive = march.laid(todo)
         self._alive = block, keepalive
-        self._run, self._address = march.driver(todo).function, block.ctypes.data
+        self._run, self._address = todo.driver.function, block.ctypes.data
         owner: Any = march.arrays["quaternions"].base  # all arrays of a march lie in one piece of memory
         self._memory, self._moments = owner.data.cast("B"), nodes.data.cast("B")
         self._constant = Struct(f"{6 * self._count}d")

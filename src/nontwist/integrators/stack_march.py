@@ -139,11 +139,6 @@ class StackMarch:
         changes["skips_unloaded"] = len(self.unloaded) > 0 and not parts.dead
         return self.scheme.text(parts.motion), parts._replace(**changes)
 
-    def addresses(self, parts: Parts, width: int, has_outputs: bool) -> dict[str, int]:
-        """Return the addresses of what carries out a list of calls: of what marches a group and, to outputs, apart."""
-        found = {"kernel": self.kernel(parts, width).address}
-        return found | ({"side": self.kernel(parts, width, observes=False).address} if has_outputs else {})
-
     def begin(self, stack: IVP) -> None:
         """Enter the start of `stack`, a stack of the same bodies as that of this march."""
         arrays, director = self.arrays, self.scheme.is_director_scheme
@@ -169,34 +164,33 @@ class StackMarch:
         skipped = 0 if self.parts.dead else self.unloaded.before(steps) - self.unloaded.before(np.array([first]))
         return steps - first - skipped
 
+    def by_section(self, *values: Any) -> Array:
+        """Return a number for each of those that a member carries, (m or 1, numbers), from one for each section.
+
+        These are p; s and what it was rounded by; c; the auxiliary ones; increments of the momentum, and of directions;
+        z, and what it was rounded by.
+        """
+        more, z = self.needs.beside // 2, self.parts.memory
+        of_state = np.diff([0, STATE.s, STATE.compensation, STATE.c, STATE.auxiliary, STATE.size])
+        each = np.stack(np.broadcast_arrays(*np.atleast_1d(*values)), axis=1)
+        return np.repeat(each, [*of_state, more, more, z, z], axis=1)
+
     @property
     def factors(self) -> Array:
         """What the carried states are multiplied by to have the units of the caller, (m or 1, numbers of a member)."""
-        size, moment = self.shapes["states"][1], self.bodies[:, BODY.unit, None]
-        found, end = np.ones((len(moment), size)), size - 2 * self.parts.memory
-        if self.scheme.is_director_scheme:
-            found[:, STATE.s :] = 1 / self.unit
-        else:
-            found[:, STATE.s : STATE.c], found[:, STATE.auxiliary :] = moment * self.unit, moment
-        found[:, STATE.c : STATE.auxiliary] = 1.0
-        if (more := end - STATE.size) > 0:  # increments of the momentum, and of directions
-            found[:, STATE.size : STATE.size + more // 2] = moment * self.unit
-            found[:, STATE.size + more // 2 :] = 1.0
-        found[:, end:] = 1.0
-        return found
+        moment = self.bodies[:, BODY.unit]
+        s, rest = (1 / self.unit,) * 2 if self.scheme.is_director_scheme else (moment * self.unit, moment)
+        return self.by_section(1.0, s, s, 1.0, rest, moment * self.unit, 1.0, 1.0, 1.0)
 
     def is_start(self, carried: Array) -> bool:
         """Whether carried numbers, in units of the march, belong to the states that it starts from."""
-        states, k = self.arrays["states"], self.parts.memory
+        states, any_number = self.arrays["states"], np.inf
         size = abs(states[:, STATE.s : STATE.compensation]).max() or 1.0
-        sign = np.where((carried[:, :4] * states[:, :4]).sum(1) < 0, -1.0, 1.0)[:, None]
-        differences = [abs(sign * carried[:, :4] - states[:, :4]).max()]
-        parts = [slice(STATE.s, STATE.compensation), slice(STATE.auxiliary, STATE.size)]
-        parts = parts[: 1 + self.parts.is_director_scheme]
-        differences += [abs(carried[:, part] - states[:, part]).max() / size for part in parts]
-        differences += [abs(carried[:, STATE.c : STATE.auxiliary]).max() * SAME / (4 * EPS)]
-        z = slice(states.shape[1] - 2 * k, states.shape[1] - k)
-        return np.array_equal(carried[:, z], states[:, z]) and not max(differences) > SAME
+        sign = np.where((carried[:, :4] * states[:, :4]).sum(1) < 0, -1.0, 1.0)
+        N = SAME * size if self.parts.is_director_scheme else any_number
+        others = any_number, any_number, 0.0, any_number
+        most = self.by_section(SAME, SAME * size, any_number, 4 * EPS, N, *others)
+        return not (abs(self.by_section(sign, *(1.0,) * 8) * carried - states) > most).any()
 
     def resume(self, memory: Array) -> None:
         """Continue from what the run before carried, where it is the state that this march starts from."""
@@ -353,12 +347,8 @@ class StackMarch:
     def _run(self, todo: Listed, width: int, first: int, last: int) -> None:
         """Carry out a list of calls for some members."""
         block, workspace, _ = self.laid(todo, width, first, last)
-        self.driver(todo, width)(block.ctypes.data)
+        todo.driver(block.ctypes.data)
         self.last_call = workspace[width * WORK.state_call :]  # what the load was called with last
-
-    def driver(self, todo: Listed, width: int = 1) -> Kernel:
-        """Return the kernel that carries out a list of calls."""
-        return carry_out_outputs(self.parts._replace(lanes=width)) if todo.has_outputs else carry_out
 
     def workspace_size(self, width: int) -> int:
         """Return the numbers of the workspace of so many members."""
@@ -392,7 +382,7 @@ class Listed(NamedTuple):
 
     values: dict[str, Any]
     keepalive: Any
-    has_outputs: bool
+    driver: Kernel  # carries it out
     parts: Parts
 
 
@@ -402,14 +392,17 @@ def listed(march: StackMarch, parts: Parts, width: int, first: int, last: int, r
     `width` members of a group are marched at a time.
     """
     unloaded = Unloaded(march.stack, None) if parts.dead and len(march.unloaded) else march.unloaded
-    has_outputs = march.outputs is not None and rows is None
-    rates, keepalive = None, None
-    if has_outputs:
+    rates, keepalive, driver = None, None, carry_out
+    if march.outputs is not None and rows is None:
         rows, rates, keepalive = _calls_with_outputs(march, parts, first, last, unloaded)
+        driver = carry_out_outputs(march.parts._replace(lanes=width))
     elif rows is None:
         rows = grid_calls(march, first, last, unloaded)
     values = {"calls": len(rows), "rows": rows, "rates": rates, "guesses": march.guesses.start}
-    return Listed(values | march.addresses(parts, width, has_outputs), keepalive, has_outputs, parts)
+    if not march.stack.on_gpu:
+        values["kernel"] = march.kernel(parts, width).address
+        values["side"] = 0 if rates is None else march.kernel(parts, width, observes=False).address
+    return Listed(values, keepalive, driver, parts)
 
 
 def grid_calls(march: StackMarch, first: int, last: int, unloaded: Unloaded, *stops: Any) -> Rows:

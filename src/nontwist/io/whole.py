@@ -89,56 +89,42 @@ def reserved_path(path: str | os.PathLike[str], *, force: bool = False) -> Itera
 @contextmanager
 def atomic_file(place: Path) -> Iterator[BinaryIO]:
     """Yield a file that appears at `place` when it is complete and on the disk."""
-    temporary = _temporary(place)
-    try:
-        with _named(place):
-            with open(temporary, "wb") as file:
-                yield file
-                file.flush()
-                os.fsync(file.fileno())
-            os.replace(temporary, place)
-    finally:
-        temporary.unlink(missing_ok=True)
-    _keep_name(place.parent)
+    with atomic_path(place) as temporary, open(temporary, "wb") as file:
+        yield file
+        file.flush()
+        os.fsync(file.fileno())
 
 
 @contextmanager
-def atomic_folder(place: Path) -> Iterator[Path]:
-    """Yield a temporary folder that is renamed to `place`, which must not exist yet, when it is complete."""
-    temporary = _temporary(place)
-    shutil.rmtree(temporary, ignore_errors=True)
+def atomic_path(place: Path) -> Iterator[Path]:
+    """Yield a temporary path beside `place`; what is made there, a file or a new folder, is renamed when complete.
+
+    Errors of the system name `place`.
+    """
+    temporary = place.with_name(f".{place.name}.part")
     try:
-        with _named(place):
-            yield temporary
-            temporary.rename(place)
-    finally:
-        shutil.rmtree(temporary, ignore_errors=True)
-    _keep_name(place.parent)
-
-
-def _temporary(place: Path) -> Path:
-    return place.with_name(f".{place.name}.part")
-
-
-@contextmanager
-def _named(place: Path) -> Iterator[None]:
-    """Name `place` in the errors of the system."""
-    try:
-        yield
+        _remove(temporary)
+        yield temporary
+        os.replace(temporary, place)
     except OSError as error:
         if error.errno is None:
             raise
         raise OSError(error.errno, error.strerror, str(place)) from error
-
-
-def _keep_name(folder: Path) -> None:
-    """Force the folder to the disk, so that the new name outlives a power cut; where the system can."""
-    with contextlib.suppress(OSError):
-        entry = os.open(folder, os.O_RDONLY)
+    finally:
+        _remove(temporary)
+    with contextlib.suppress(OSError):  # the new name outlives a power cut, where the system can force a folder
+        entry = os.open(place.parent, os.O_RDONLY)
         try:
             os.fsync(entry)
         finally:
             os.close(entry)
+
+
+def _remove(place: Path) -> None:
+    if place.is_dir():
+        shutil.rmtree(place, ignore_errors=True)
+    else:
+        place.unlink(missing_ok=True)
 
 
 @contextmanager

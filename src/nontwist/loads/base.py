@@ -394,7 +394,7 @@ def forces_sampled(load: Load, times: Array) -> Array:
     for term in load.terms:
         if isinstance(term, ForceTable):
             part = slice(0, 9) if term.frame == "space" else slice(9, 18)
-            total[:, part] += term.scale * term.rows(times).reshape(-1, 9)
+            total[:, part] += term.scale * term.samples(times)
     return total
 
 

@@ -21,11 +21,13 @@ from ..errors import warn
 from ..geometry.arrays import Array, as_floats
 from ..kernels.dual import Dual, plain, tangent
 from .functions import CFunction, checked, name_of, plainly
+from .memory import Wheel
 from .potentials import ForceTable, Potential, PotentialFunction
-from .terms import Damping, Rotor, Table, Term, within
+from .terms import Damping, Rotor, Tabulated, Term
 
 DIFFERENCE = float(2.0 ** np.round(np.log2(np.finfo(np.float64).eps) / 3))  # of a central difference, of the scale
 SLACK = 1e-9  # of a value by duals
+LATER = "later"  # what a parameter is called that moves times
 
 
 class Slopes(NamedTuple):
@@ -50,23 +52,26 @@ def with_parameter(term: Term, name: str, value: Array) -> Term:
     return replace(term, **plain)
 
 
-def moment_slopes(term: Term, name: str, times: Array) -> Slopes:
-    """Return the derivatives of a moment of the time at (n,) times by a parameter; three components each."""
-    if isinstance(term, Table):
-        return table_slopes(term, name, times)
-    return Slopes.of(term.samples(times)[..., None] if name == "scale" else term.scale * _slopes(term, times, name))
+def slopes_of_time(term: Term, name: str, times: Array, later: Array | None = None) -> Slopes:
+    """Return the derivatives of a moment of the time, or of a table of forces, at (n,) times by a parameter.
 
-
-def moment_rates(term: Term, times: Array) -> Array:
-    """Return the derivatives of a moment of the time by it, (n, 3), with the factor."""
-    return term.scale * _slopes(term, times)[..., 0]
-
-
-def forces_rates(term: ForceTable, times: Array) -> Array:
-    """Return the derivatives of forces by the time, (n, 18), without the factor."""
-    found, first = np.zeros((len(times), 18)), 9 * (term.frame == "body")
-    found[:, first : first + 9] = tangents_of(term.columns(Dual(times, [1.0])), 1, len(times))[..., 0]
-    return found
+    With the name `LATER` it is what makes the times `later`. Forces are the 18 numbers of `loads.base.forces_sampled`.
+    """
+    if name == "scale":
+        found = Slopes.of(term.samples(times)[..., None])
+    elif later is not None:
+        found = Slopes.of(term.scale * _slopes(term, times) * later[:, None, None])
+    elif isinstance(term, Tabulated):
+        inside = np.flatnonzero((times >= term.times[0]) & (times < term.times[-1]))
+        row, entry, weight = _weights(term.times, times[inside])
+        n = term.values[0].size
+        component = np.tile(np.arange(n), len(row))
+        parameter = n * np.repeat(entry, n) + component
+        found = Slopes(np.repeat(inside[row], n), component, parameter, np.repeat(term.scale * weight, n))
+    else:
+        found = Slopes.of(term.scale * _slopes(term, times, name))
+    is_along = isinstance(term, ForceTable) and term.frame == "body"
+    return found._replace(component=found.component + 9 * is_along)
 
 
 def _slopes(term: Term, times: Array, name: str = "") -> Array:
@@ -191,28 +196,18 @@ def tangents_of(columns: Any, count: int, rows: int) -> Array:
     return np.moveaxis(np.array(found, dtype=np.float64), -1, 0)
 
 
-def table_slopes(term: Table | ForceTable, name: str, times: Array) -> Slopes:
-    """Return the derivatives of what is linear between times by its values, or by its factor.
+def momentum_slopes(term: Rotor | Wheel, name: str, times: Array, later: Array) -> Slopes:
+    """Return the derivatives of the momentum of a rotor at (n,) times by a parameter; three components each.
 
-    Forces are the 18 numbers of `loads.base.forces_sampled`.
+    With the name `LATER`, also of a wheel, it is what makes the times `later`.
     """
-    values = term.values.reshape(len(term.times), -1)
-    first, n = 9 * (isinstance(term, ForceTable) and term.frame == "body"), values.shape[1]
-    if name == "scale":
-        found = Slopes.of(np.stack(within(term.times, values, times), axis=1)[..., None])
-    else:
-        inside = np.flatnonzero((times >= term.times[0]) & (times < term.times[-1]))
-        row, entry, weight = _weights(term.times, times[inside])
-        found = _each_axis(inside[row], entry, term.scale * weight, n)
-    return found._replace(component=found.component + first)
-
-
-def rotor_slopes(term: Rotor, name: str, times: Array) -> Slopes:
-    """Return the derivatives of the momentum of a rotor at (n,) times by a parameter; three components each."""
+    if name == LATER:
+        return Slopes.of(((term.scale * term.history(times)[1] * later)[:, None] * term.direction)[..., None])
+    assert isinstance(term, Rotor)
     if name == "scale":
         return Slopes.of(term.momentum(times)[..., None])
     if name == "rotor":
-        across, h = np.eye(3) - np.outer(term.rotor, term.rotor), np.interp(times, term.times, term.values)
+        across, h = np.eye(3) - np.outer(term.rotor, term.rotor), term.history(times)[0]
         return Slopes.of(term.scale * h[:, None, None] * across)
     row, entry, weight = _weights(term.times, times)
     component = np.tile(np.arange(3), len(row))
@@ -220,19 +215,14 @@ def rotor_slopes(term: Rotor, name: str, times: Array) -> Slopes:
     return Slopes(np.repeat(row, 3), component, np.repeat(entry, 3), value)
 
 
-def fixed_slopes(term: Term, name: str) -> Slopes:
-    """Return the derivatives of a damping matrix, or of the dead force of a linear potential."""
+def fixed_slopes(term: Term, name: str) -> Array:
+    """Return the derivatives of a damping matrix, or of the dead force of a linear potential, (9, count)."""
     own = term if name == "scale" else term.seeded(name)
     assert isinstance(own, Damping | Potential)
     fixed: Any = own.damping if isinstance(own, Damping) else own.dead_force
     if name == "scale":
-        return Slopes.of(fixed.reshape(1, 9, 1))
-    return Slopes.of(term.scale * tangents_of(fixed.ravel().tolist(), np.size(getattr(term, name)), 1))
-
-
-def _each_axis(row: NDArray[np.int64], entry: NDArray[np.int64], weight: Array, n: int = 3) -> Slopes:
-    component = np.tile(np.arange(n), len(row))
-    return Slopes(np.repeat(row, n), component, n * np.repeat(entry, n) + component, np.repeat(weight, n))
+        return np.reshape(fixed, (9, 1))
+    return term.scale * tangents_of(fixed.ravel().tolist(), np.size(getattr(term, name)), 1)[0]
 
 
 def _weights(known: Array, times: Array) -> tuple[NDArray[np.int64], NDArray[np.int64], Array]:

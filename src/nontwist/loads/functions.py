@@ -295,38 +295,24 @@ def _name(function: Any) -> str:
 
 
 @lru_cache(maxsize=256)
-def c_function(parts: Parts, count: int = 3) -> Any:
-    """Return the sum of C functions of so many numbers times their factors; the same parts give the same one."""
-    if len(parts) == 1 and parts[0][1] == 1:
+def c_function(parts: Parts, count: int = 3, states: tuple[int, ...] = ()) -> Any:
+    """Return C functions as one: the sum of so many numbers of each times its factor; the same parts give the same one.
+
+    Of terms with memory `states` are how many internal states each has; z' of one and the other follow.
+    """
+    if len(parts) == 1 and parts[0][1] == 1 and not states:
         return parts[0][0]
 
-    def total(t: Any, d: Pointer, w: Pointer) -> list[Any]:
-        own, found = scratch(count), [0.0] * count
-        for part, factor in parts:
-            call(part.address, t, d, w, own)
-            found = [factor * own[k] + found[k] for k in range(count)]
-        return found
+    def total(t: Any, first: Pointer, second: Pointer) -> list[Any]:
+        sums, rates = [0.0] * count, list[Any]()
+        for (part, factor), size in zip(parts, states or [0] * len(parts), strict=True):
+            own = scratch(count + size)
+            call(part.address, t, first, second.shifted(len(rates)), own)
+            sums = [factor * own[k] + sums[k] for k in range(count)]
+            rates += [own[count + k] for k in range(size)]
+        return sums + rates
 
     return _made(total, tuple(part for part, _ in parts))
-
-
-@lru_cache(maxsize=256)
-def response_of(parts: tuple[tuple[Any, float, int], ...]) -> Any:
-    """Return the C functions of terms with memory as one: moments times their factors, then z' of one and the other.
-
-    `parts` are C functions, factors, and how many internal states each has.
-    """
-
-    def total(t: Any, state: Pointer, z: Pointer) -> list[Any]:
-        moments, rates, first = [0.0] * MOMENTS, list[Any](), 0
-        for part, factor, count in parts:
-            own = scratch(MOMENTS + count)
-            call(part.address, t, state, z.shifted(first), own)
-            moments = [factor * own[k] + moments[k] for k in range(MOMENTS)]
-            rates, first = rates + [own[MOMENTS + k] for k in range(count)], first + count
-        return moments + rates
-
-    return _made(total, tuple(part for part, *_ in parts))
 
 
 def _made(text: Callable[..., list[Any]], owners: tuple[Any, ...] = ()) -> MachineFunction:

@@ -254,6 +254,10 @@ class Wheel(Memory):
         table: Array = within(self.times, self.values[:, None], times)[0] if self.times.size else 0.0 * times
         return self.torque + table
 
+    def history(self, times: Array) -> tuple[Array, Array]:
+        """Return impulse and torque at (n,) times, without the factor."""
+        return self.impulse(times), self.torque_at(times)
+
     def slope_of_torque(self, times: Array) -> Array:
         """Return the slope of the table in the middle of the intervals between times, without the factor."""
         middles = (times[1:] + times[:-1]) / 2
@@ -285,23 +289,6 @@ class Wheel(Memory):
     def called(self) -> Function:
         """The text."""
         return self.responses
-
-    def slopes_of_momentum(self, name: str, times: Array, begin: float) -> Array:
-        """Return the derivatives of the factor times h at (n,) times of a run that begins at one by a parameter.
-
-        What is added to the torque of a table acts as long as the table does.
-
-        Raises
-        ------
-        ValueError
-            The parameter is the factor of a table, to which steps of many nodes are not linear.
-        """
-        if name == "scale" and self.times.size:
-            raise ValueError("runs have no derivatives by the factor of a wheel whose torque is a table")
-        ends = self.times[[0, -1]] if self.times.size else (-np.inf, np.inf)
-        speed, torque = self.inertia * np.ones(len(times)), np.clip(times, *ends) - np.clip(begin, *ends)
-        found: dict[str, Array] = {"speed": self.scale * speed, "torque": self.scale * torque}
-        return found[name] if name in found else self.speed * speed + self.torque * torque
 
     @classmethod
     def words(cls, record: Record) -> str:
@@ -390,6 +377,11 @@ class Column(NamedTuple):
     has_loss: bool  # whether what friction takes is behind that: h is not known beforehand
     is_dry: bool
 
+    @property
+    def count(self) -> int:
+        """How many internal states it has."""
+        return 1 + self.has_motor + self.has_loss
+
 
 def recorded_wheels(records: Sequence[Record]) -> list[Column]:
     """Return the wheels of the load of these records, whose internal states come before those of other loads."""
@@ -399,8 +391,20 @@ def recorded_wheels(records: Sequence[Record]) -> list[Column]:
             rubs, works = _rubs(one) or "motor" in one, bool(one["torque"] or len(one["times"]))
             is_dry = bool(one.get("coulomb"))
             found.append(Column(np.array(one["wheel"]), float(one["inertia"]), place, rubs or works, rubs, is_dry))
-            place += 3 if rubs else 1 + works
+            place += found[-1].count
     return found
+
+
+def carried_on(z: Array, had: Sequence[Column], own: Sequence[Column | Wheel]) -> Array:
+    """Return internal states, (..., k), of a run with the wheels `had` as those of a load with its own.
+
+    Momenta continue, and so do works and losses that both have; the others are 0.
+    """
+    kept = [
+        old.place + k if k < old.count else -1 for old, new in zip(had, own, strict=False) for k in range(new.count)
+    ]
+    others = range(sum(old.count for old in had), z.shape[-1])
+    return np.insert(z, z.shape[-1], 0.0, axis=-1)[..., [*kept, *others]]
 
 
 def _rubs(record: Record) -> bool:

@@ -33,7 +33,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import partial
 from typing import Annotated, Any
 
 import numpy as np
@@ -45,7 +45,7 @@ from ..kernels.dual import Dual, plain, tangent
 from ..kernels.elements import any_of, copysign, cos, floor, larger, sin, smaller, sqrt
 from ..spec import Spec
 from .functions import Call, array, checked, differentiated, state
-from .terms import ForceTerm, Frame, Record, along, function_in_words, nonzero_intervals, smoothness, within
+from .terms import ForceTerm, Frame, Record, Tabulated, along, function_in_words
 
 SPACE_AND_BODY = 18  # numbers of a node: forces in space, then along the directors
 
@@ -60,7 +60,7 @@ class DirectorForces(ForceTerm):
 
 
 @dataclass(frozen=True, eq=False)
-class ForceTable(DirectorForces):
+class ForceTable(Tabulated, DirectorForces):
     """Forces on the three directors, linear between its times and zero outside."""
 
     in_kernels = True
@@ -68,31 +68,14 @@ class ForceTable(DirectorForces):
     times: Annotated[Array, Spec("", unit="s", shape=(None,), rule="increasing", is_fixed=True)]
     frame: Frame
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        self._set(**smoothness(self.times))
-
     @property
     def values(self) -> Array:
         """The forces."""
         return self.forces_of
 
-    @cached_property
-    def support(self) -> Array:
-        """Between times at one of which a force is not zero."""
-        return nonzero_intervals(self.times, self.forces_of)
-
-    def columns(self, times: Any) -> list[Any]:
-        """Return the nine interpolated numbers in their frame, one after the other."""
-        return within(self.times, self.forces_of.reshape(len(self.times), 9), times)
-
-    def rows(self, times: Array) -> Array:
-        """Return the interpolated forces in their frame, (n, 3, 3)."""
-        return np.stack(self.columns(times), axis=1).reshape(len(times), 3, 3)
-
     def forces_at(self, t: float, directors: Array, angular_velocity: Array) -> Array:
         """Return the forces in space."""
-        rows: Array = self.rows(np.array([t]))[0]
+        rows = self.samples(np.array([t])).reshape(3, 3)
         return rows if self.frame == "space" else rows @ directors
 
     @classmethod

@@ -269,6 +269,26 @@ class ForceTerm(Term):
         return np.cross(directors, self.forces_at(t, directors, angular_velocity)).sum(axis=0)
 
 
+class Tabulated(Term):
+    """A term that is linear between its times and zero outside."""
+
+    times: Array
+    values: Any
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self._set(**smoothness(self.times))
+
+    @cached_property
+    def support(self) -> Array:
+        """Between times at one of which a value is not zero."""
+        return nonzero_intervals(self.times, self.values)
+
+    def columns(self, times: Any) -> list[Any]:
+        """Return the interpolated numbers, one after the other."""
+        return within(self.times, self.values.reshape(len(self.times), -1), times)
+
+
 class OfTime(Term):
     """A moment of time, along the directors or fixed axes as its field `frame` says."""
 
@@ -349,26 +369,13 @@ class Sine(OfTime):
 
 
 @dataclass(frozen=True, eq=False)
-class Table(OfTime):
+class Table(Tabulated, OfTime):
     """A table, linear between its times and zero outside."""
 
     frame: Frame
     times: Annotated[Array, Spec("", unit="s", shape=(None,), rule="increasing", is_fixed=True)]
     values: Annotated[Array, Spec("one for each time", unit="N m", shape=("times", 3))]
     is_linear = True
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        self._set(**smoothness(self.times))
-
-    @cached_property
-    def support(self) -> Array:
-        """Between times at one of which the moment is not zero."""
-        return nonzero_intervals(self.times, self.values)
-
-    def columns(self, times: Any) -> Any:
-        """Return the interpolated moments."""
-        return within(self.times, self.values, times)
 
     @classmethod
     def words(cls, record: Record) -> str:

@@ -209,11 +209,12 @@ def _components(table: Table, found: Found, how: ReadOptions) -> list[Reading]:
         return [Reading(words, values.reshape(-1, 3, 3).__getitem__, True)]
     in_file = tuple(h for h in table.headers if h in found.headers)
     order = found.headers if how.columns or not found.ordered else in_file
-    readings = _quaternions(table.vectors(order), how, f"columns {', '.join(order)}")
+    stated = table.scalar_first if order == in_file else None
+    readings = _quaternions(table.vectors(order), how, f"columns {', '.join(order)}", stated)
     by_order = dict(zip(((*order[1:], order[0]), order), readings, strict=True))
     if how.scalar_first is not None:
         labels = next((one.headers for one in headers.orientations(order) if one.ordered), None)
-        return [replace(one, unlike=labels not in (None, own)) for own, one in by_order.items()]
+        return [replace(one, unlike=one.unlike or labels not in (None, own)) for own, one in by_order.items()]
     if not found.ordered:
         return readings
     by_order.pop(found.headers, None)
@@ -221,9 +222,9 @@ def _components(table: Table, found: Found, how: ReadOptions) -> list[Reading]:
     return [Reading(words, values.__getitem__, True), *(replace(one, stated=False) for one in by_order.values())]
 
 
-def _quaternions(values: Array, how: ReadOptions, what: str) -> list[Reading]:
-    """Return quaternions with the scalar first and last, one of which the caller or the first row states."""
-    first, why = how.scalar_first, "as given"
+def _quaternions(values: Array, how: ReadOptions, what: str, stated: bool | None = None) -> list[Reading]:
+    """Return quaternions with the scalar first and last, one of which the caller, the file or the first row states."""
+    first, why = (how.scalar_first, "as given") if how.scalar_first is not None else (stated, "as the file states")
     for row in values[:1] if first is None else ():
         k = int(np.argmax(abs(row)))
         if k in (0, 3) and abs(row[k]) > 0.99 and np.delete(abs(row), k).max() < IDENTITY:
@@ -231,8 +232,8 @@ def _quaternions(values: Array, how: ReadOptions, what: str) -> list[Reading]:
     readings = []
     for is_first, told, ordered in ((True, "first", np.roll(values, -1, axis=1)), (False, "last", values)):
         words = f"orientation: quaternion, scalar {told}{f' ({why})' if first == is_first else ''}, {what}"
-        is_allowed = how.scalar_first in (None, is_first)
-        readings.append(Reading(words, ordered.__getitem__, first == is_first, is_allowed))
+        is_allowed, unlike = how.scalar_first in (None, is_first), stated not in (None, is_first)
+        readings.append(Reading(words, ordered.__getitem__, first == is_first, is_allowed, unlike=unlike))
     return readings
 
 
@@ -314,7 +315,8 @@ def rotations(values: Array, lines: Lines | None, normalize: bool) -> tuple[Arra
     bad, (lost, held) = good & ~(off <= MEASURED), _lost(flat, good)
     what, plural = ("quaternion", "quaternions") if is_quaternion else ("matrix", "matrices")
     told = list[str]()
-    if bad.any() and bad.sum() > RARE * good.sum() and len(np.unique(flat[bad], axis=0)) > SENTINELS:
+    is_few = (bad != good).any() and len(np.unique(flat[bad], axis=0)) <= SENTINELS
+    if bad.sum() > RARE * good.sum() and not is_few:
         scale = float(np.median(size[good]))
         steps = np.diff(np.unique(flat[good].ravel()))
         quantum = float(steps[steps > 0].min(initial=np.inf)) / scale  # of rounded values

@@ -108,6 +108,7 @@ SENTENCES |= {
     "empty-fields": "blanks do not show which of {headers} headers lack a field in a row of {fields}; use commas",
     "more-fields": "there are {headers} headers, but {fields} fields in a row of numbers",
     "fields": "{place} does not have the {count} fields of the first; correct or delete it",
+    "segments": "{place} states {key} = {now}, another segment {was}: copy each segment into a file of its own",
     "row-length": "{place} of the {what} has {count} numbers instead of {width}",
     "no-headers": "it has no headers; of {count} columns name those to use, from 1: {option[columns]}",
     "no-column": "there is no column {name!r}; there are {names}",
@@ -149,7 +150,7 @@ SENTENCES |= {
     "no-reading-fits": "no reading of the attitudes agrees with the {what} beside them, {best:.2f} of 1 at best: check "
     "axes and units of both",
     "options-contradicted": "{told} {mine:.2f} as it is read, {best:.2f} as {another}: the options look wrong",
-    "unlike-headers": "{words}: the headers state another order, and nothing in the file confirms this one",
+    "unlike-headers": "{words}: the file states another order, and nothing in the file confirms this one",
     "reading-by-evidence": "{told} {best:.2f} as {chosen}, {mine:.2f} as {stated}: the first is taken",
     "not-rotations": "the {what} are no rotations: {low:.6g} to {high:.6g} long, they look like positions or signals",
     "scaled": "no valid rotation in {rows}, the first is {place}: its {what} has the length {size:.6g}; they look "

@@ -263,6 +263,11 @@ def _one(table: Table, body: str | None) -> tuple[str, ...]:
     return found[0]
 
 
+def speed_factor(unit: str | None) -> float:
+    """Return the factor to rad/s of a speed that is given as numbers, by default rad/s."""
+    return RATE[_unit([], "rad/s" if unit is None else unit, "speed-unit")]
+
+
 def _unit(headers: Sequence[str], unit: str | None, code: str, hint: str = "") -> str:
     """Return the unit of rates, as told or as headers state it; an InputError where none is known, or these differ."""
     stated, names = rate_unit(*headers), ", ".join(headers)

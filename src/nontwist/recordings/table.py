@@ -80,13 +80,14 @@ class Table:
     """Columns of equal length; `lines`, where known, are those of the rows in a file of text, from 1.
 
     It is `headless` where the file has no headers; they are numbers then, from 1. Columns of `thousands` have marks
-    before three digits alone, as numbers above 1000 may.
+    before three digits alone, as numbers above 1000 may. `scalar_first` is what lines above it state of quaternions.
     """
 
     columns: Mapping[str, NDArray[Any]] = field(default_factory=dict)
     lines: Lines | None = None
     headless: bool = False
     thousands: Sequence[str] = ()
+    scalar_first: bool | None = None
 
     @property
     def headers(self) -> list[str]:

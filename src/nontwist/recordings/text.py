@@ -7,6 +7,8 @@ them. Names of bodies in further lines join them too: OptiTrack Motive has lines
 Separators are commas, semicolons, tabs or blanks; the decimal mark may be a comma. Encodings are UTF-8, UTF-16 with its
 mark, or else Windows-1252.
 
+The segments of a CCSDS AEM are joined where they are of one kind.
+
 Logs of raw counts of Gyroflow (.gcsv) have their factors above the headers.
 """
 
@@ -44,7 +46,11 @@ _UNSURE = re.compile(r"[-+]?[1-9]\d{0,2}[.,]\d{3}")  # perhaps thousands
 FEW = 3  # different numbers with such a mark, and as many below 1000 without one, are thousands
 MISSING = {"NA", "N/A", "#N/A", "<NA>", "NULL", "null", "None"}  # as R and others write it, and pandas reads it
 _RECORD = re.compile(r"\$?[A-Z]\w*(,|$)")
-_FACTOR = re.compile(r"(?i)\b(lsb|scale|sensitivity|factor)")
+_FACTOR = re.compile(r"(?i)\b(lsb|scale|sensitivity|factor|ATTITUDE_DIR|REF_FRAME_[AB])")
+# Lines of a CCSDS AEM: about a segment, which the next may state otherwise, and of the place of the scalar.
+_OF_SEGMENT = re.compile(r"\s*(?:(?:META|DATA)_(?:START|STOP)\s*$|([A-Z_]+)\s*=\s*(.*?)\s*$)")
+_FREE = re.compile(r"\w+_TIME|INTERPOLATION_\w+")
+_SCALAR = re.compile(r"\s*(?:QUATERNION_TYPE\s*=\s*(FIRST|LAST)|CCSDS_AEM_VERS\s*=\s*2)")
 
 
 def read_table(source: Path | TextIO | bytes) -> tuple[Table, tuple[str, ...]]:
@@ -77,7 +83,8 @@ def read_table(source: Path | TextIO | bytes) -> tuple[Table, tuple[str, ...]]:
     is_prose = first_row is None and first < len(lines) and len(fields_of(lines[first], separator)) > len(names)
     table, notes = _rows(b"" if is_prose else content, separator, first, names)
     factors = (f"stated above the rows: {line.strip()}" for line in lines[:first] if _FACTOR.search(line))
-    return replace(table, headless=headers is None), (*notes, *factors)
+    first_is = next((found[1] == "FIRST" for found in map(_SCALAR.match, lines[:first]) if found), None)
+    return replace(table, headless=headers is None, scalar_first=first_is), (*notes, *factors)
 
 
 def opened(content: bytes) -> TextIO:
@@ -96,7 +103,7 @@ def _encoding(content: bytes) -> str:
 
 
 def _is_comment(line: str) -> bool:
-    return line.lstrip().startswith(COMMENTS)
+    return line.lstrip().startswith(COMMENTS) or line.startswith("COMMENT ")  # of CCSDS
 
 
 def _require_one_kind(lines: Sequence[str]) -> None:
@@ -229,8 +236,12 @@ def _rows(content: bytes, separator: str | None, first: int, names: list[str]) -
     decimal = _decimal(islice(opened(content), first, None), separator)
     blank = "".join({*"\r\n \t"} - {separator})
     places, comments, is_split, widest = array("q"), list[int](), False, 0
+    segment = dict(one.groups() for one in map(_OF_SEGMENT.match, islice(opened(content), first)) if one)
     for k, line in islice(enumerate(opened(content), 1), first, None):
-        if _is_comment(line):
+        found = _OF_SEGMENT.match(line) if segment else None
+        if found and not _FREE.fullmatch(key := found[1] or "") and segment.get(key) != found[2]:
+            raise InputError("segments", place=f"line {k}", key=key, now=found[2], was=segment.get(key))
+        if found or _is_comment(line):
             comments.append(k)
         elif line.strip(blank):
             places.append(k)

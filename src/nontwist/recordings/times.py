@@ -29,6 +29,7 @@ from .table import Table, listed, number, place
 
 EPOCH = (3e8, 4.2e9)  # s since 1970 that are taken for dates: 1979 to 2103
 RARE = 60.0  # s between samples; what lies further apart as seconds since 1970 are ticks
+RARE_US = 1.0  # s between samples that µs since 1970 count; what lies further apart are ns since a device started
 MONTHS = "janfebmaraprmayjunjulaugsepoctnovdec"
 FINE = 1e-4  # days between samples at most, else they are no days but seconds of a clock that is as fine
 WIDE = 1.5  # of the usual step of a counter: beyond it samples are lost
@@ -74,9 +75,14 @@ def clock(table: Table, how: ReadOptions) -> Clock:
     """Return the time of a table; an InputError where it is not understood, or may be that of several columns."""
     name, rate, notes = how.time_column, how.rate, list[str]()
     if name is not None:
-        table.require(name)
+        pairs = {" and ".join(h): one for h, one in filter(None, (_pair(table, one) for one in _groups(table)))}
+        if name not in pairs:
+            table.require(name)
         if rate is not None and not _counts(name):
             raise InputError("rate-and-time", name=name)
+        if name in pairs:
+            how.require_without("time_unit", "the columns state theirs")
+            return pairs[name]
         return read_times(table, name, how.time_unit) if rate is None else _of_counter(table, name, rate)
     if rate is not None:
         how.require_without("time_unit", "a rate gives the times")
@@ -180,16 +186,18 @@ def words_of(header: str) -> tuple[list[str], str | None]:
 def _rank(header: str) -> int | None:
     """Return how surely a header is of a time: 0 by its name, 1 by name and unit, 2 by a unit, 3 as it may be one."""
     words, unit = words_of(re.sub(r"^.*\.(?=\D)", "", header))  # in a structure, as data.time
-    if re.search("deg|[°℃]", (unit or "").lower()):  # a temperature or an angle
+    if re.search("deg|[°℃]", (unit or "").lower()) or re.search(r"(?i)\bt_?\d\d$", header):
+        # a temperature, an angle, or T00, an element of a matrix
         return None
     all_words, seconds = set(words), known(unit, TIME)
     is_told = unit is None or seconds or unit.lower() in ("txt", "text", "iso", "utc") or len(words) == 1
     is_named = TIMES & all_words or ("elapsed" in words and seconds)
     if is_named and all_words <= TIMES | (BESIDE_TIME if is_told else set()):
         return 0
+    if re.search(LIKE_TIME, header.lower()):
+        return 1 if seconds else 3
     name, unit = split_unit(header)
-    is_like, has_unit = re.search(LIKE_TIME, header.lower()), known(unit or name, TIME)
-    return (1 if is_like else 2) if has_unit else 3 if is_like else None
+    return 2 if known(unit or name, TIME) else None
 
 
 def _counts(header: str) -> bool:
@@ -333,7 +341,7 @@ def _scale(unit: str | None) -> float | None:
 
 def _is_date(first: float, step: float, scale: float, zero: float) -> bool:
     """Whether counts from `zero` are dates of our time, and as close as samples are."""
-    is_close = 0 < step < FINE if scale == TIME["day"] else step * scale <= RARE
+    is_close = 0 < step < FINE if scale == TIME["day"] else step * scale <= (RARE_US if scale == TIME["us"] else RARE)
     return EPOCH[0] < (first - zero) * scale < EPOCH[1] and is_close
 
 
@@ -355,6 +363,7 @@ def _dates(values: NDArray[Any], name: str) -> Clock:
             raise InputError("day-or-month", name=name, value=texts[dates.index[0]], why=why)
         order = f", {'day/month' if above[0] else 'month/day'}/year, as the numbers above 12 show"
     for written, iso in (
+        (r"^(\d{4}/\d\d/\d\d)/(?=\d)", r"\1 "),  # rosbag_to_csv
         (r"^(\d{4})/(\d\d)/(\d\d)", r"\1-\2-\3"),
         (r"^(\d\d?)-([A-Z][a-z]{2})-(\d{4})(?=\D|$)", _of_month),
         (r"^([12]\d{3})-(\d{3})(?=T)", lambda day: f"{date(int(day[1]), 1, 1) + timedelta(int(day[2]) - 1)}"),

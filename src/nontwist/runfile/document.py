@@ -17,7 +17,7 @@ from contextlib import suppress
 from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, Self, cast
 
 import numpy as np
 from pydantic import Field, PrivateAttr, TypeAdapter, ValidationError
@@ -42,7 +42,7 @@ from ..units import in_datasets
 from .body import Body, SpinTable
 from .files import LARGEST, Fault, Folder, Keys, document, overridden, parsed, shown, toml_text
 from .loads import AnyLoad, LoadSection, Place
-from .section import Faults, Section, entry, found_in, problems_of
+from .section import MOST_PROBLEMS, Faults, Section, entry, found_in, problems_of
 from .sweep_table import Sweep, key_problems, step_problems, table_problems
 from .tables import AnyEvent, Integrator, Output, Start, Time, options_of
 
@@ -281,9 +281,6 @@ def with_loads(file: RunFile, loads: list[LoadSection]) -> RunFile:
 # `read_run_file`: bytes, plain data, tables, checks; all problems are reported at once.
 
 
-MOST_PROBLEMS = 100  # that are reported
-
-
 def read_run_file(path: str | os.PathLike[str], overrides: Iterable[str] = ()) -> RunFile:
     """Read and check a run file without running it; parameters and errors as `nontwist.Problem.read`."""
     path, texts = as_path(path, "path"), as_list(overrides, "overrides")
@@ -339,23 +336,24 @@ def checked(name: str, data: dict[str, Any], folder: Folder) -> RunFile:
 
 def _standing(data: dict[str, Any], wrong: list[Keys]) -> Any:
     """Return the file once wrong keys are left out; tables that are still not of the right form are None."""
-    tables, lists = dict[str, Any](), {"load": AnyLoad, "event": AnyEvent}
+    lists: dict[str, Any] = {"load": TypeAdapter(AnyLoad), "event": TypeAdapter(AnyEvent)}
+    tables = dict[str, Any]()
     for key, field in RunFile.model_fields.items():
-        value = data.get(key, {})
+        value, form = data.get(key, {}), cast(Any, field.annotation)
         if key in lists:
             entries = enumerate(value if isinstance(value, list) else [])
             tables[key] = [_stands(lists[key], one, (key, k), wrong) for k, one in entries]
         else:
-            tables[key] = _stands(field.annotation, value, (key,), wrong)
+            tables[key] = _stands(TypeAdapter(form), value, (key,), wrong)
     return RunFile.model_construct(**tables)
 
 
-def _stands(form: Any, value: Any, at: Keys, wrong: list[Keys]) -> Any:
+def _stands(form: TypeAdapter[Any], value: Any, at: Keys, wrong: list[Keys]) -> Any:
     """Return a table, or None; the other keys of an integrator belong to its name, if that is wrong."""
     keys = {path[len(at)] for path in wrong if path[: len(at)] == at and len(path) > len(at)}
     with suppress(ValidationError):
         if isinstance(value, dict) and "name" not in keys:
-            return TypeAdapter(form).validate_python({key: one for key, one in value.items() if key not in keys})
+            return form.validate_python({key: one for key, one in value.items() if key not in keys})
     return None
 
 

@@ -43,6 +43,7 @@ ALIASES = {  # names of other programs
     **{"m": "mass", "g": "gravity", "solver": "name"},
 }
 UNKNOWN = "unknown key"
+MOST_PROBLEMS = 100  # that are reported
 IN_TOML = {"project=True": "start.project = true", "physical=False": "body.physical = false"}
 
 
@@ -80,6 +81,8 @@ class Section(BaseModel):
             found = dict[Keys, Found]()
             for one in found_in(error, cls):
                 found.setdefault(one.path, one)
+                if len(found) == MOST_PROBLEMS:
+                    break
             raise PydanticCustomError("found", "wrong keys", {"found": [*found.values()]}) from None
 
 

@@ -17,11 +17,10 @@ from __future__ import annotations
 
 import hashlib
 import threading
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from copy import deepcopy
 from dataclasses import replace
 from functools import cached_property
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -44,7 +43,7 @@ from ..models.stack import SystemStack, doubtful
 from ..models.system import DirectorSystem
 from ..runfile import RunFile
 from ..runfile.body import Body
-from ..runfile.document import checked, file_of_text, with_loads
+from ..runfile.document import checked, with_loads
 from ..runfile.files import Folder
 from ..runfile.loads import AnyLoad, Place
 from ..runfile.section import in_toml, problems_of
@@ -158,16 +157,9 @@ def stack(body: Body, values: Values, folder: Folder) -> SystemStack:
     plain = isinstance(body.inertia, list) and body.weight(folder) is None and body.spin is None
     if BODIES[body.kind].at_once and plain and all(key.split(".")[0] in AT_ONCE for key in values):
         return _at_once(body, values)
-    data = body.model_dump(exclude_none=True)
-
-    def made(i: int) -> DirectorSystem:
-        own = with_values(data, {key: array[i] for key, array in values.items()})
-        try:
-            return Body.model_validate(own).system(folder)
-        except ValidationError as error:
-            raise ValueError("; ".join(map(str, problems_of(error, ("body",))))) from error
-
-    return SystemStack.of(_each(range(len(next(iter(values.values())))), made))
+    data, members = body.model_dump(exclude_none=True), range(len(next(iter(values.values()))))
+    made = _each(members, lambda i: Body.model_validate(with_values(data, part(values, i))).system(folder))
+    return SystemStack.of(made)
 
 
 def _each(members: Iterable[int], made: Callable[[int], DirectorSystem]) -> list[DirectorSystem]:
@@ -177,10 +169,22 @@ def _each(members: Iterable[int], made: Callable[[int], DirectorSystem]) -> list
         try:
             found.append(made(i))
         except ValueError as error:
-            invalid[i] = in_toml(str(error))
+            invalid[i] = in_toml(reason_of(error, "body"))
     if invalid:
         raise InvalidMembersError(invalid)
     return found
+
+
+def reason_of(error: ValueError, *place: str) -> str:
+    """Return why numbers are refused; `place` is where in the file a table lies that was read by itself."""
+    if isinstance(error, RunFileError):
+        return "; ".join(map(str, error.problems))
+    return "; ".join(map(str, problems_of(error, place))) if isinstance(error, ValidationError) else str(error)
+
+
+def part(values: Values, places: Any) -> Values:
+    """Return the numbers of one member or of some."""
+    return {key: array[places] for key, array in values.items()}
 
 
 def with_values(data: Any, values: dict[str, Any]) -> Any:
@@ -222,7 +226,7 @@ def _at_once(body: Body, values: Values) -> SystemStack:
             axis[i] = as_direction(axis[i], "axis")
     is_odd = (J.swapaxes(1, 2) != J).any(axis=(1, 2)) | (many_euler(J) != E).any(axis=(1, 2))
     alone = np.flatnonzero(doubtful(E, axis) | is_odd).tolist()
-    made = _each(alone, lambda i: kind.make(**{name: array[i] for name, array in given.items()}, **how))
+    made = _each(alone, lambda i: kind.make(**part(given, i), **how))
     E[alone] = np.reshape([one.euler_inertia for one in made], (-1, 3, 3))
     return SystemStack(E, axis, name=body.kind, **how)
 
@@ -231,19 +235,17 @@ REFUSED = -1  # status of a member whose numbers define no run
 LOADS: TypeAdapter[list[Any]] = TypeAdapter(list[AnyLoad])
 
 
-class Kept(NamedTuple):
-    """A variable that is kept of every member."""
-
-    dims: tuple[str, ...]  # after the member axis
-    attributes: dict[str, str]
-
-
 class Results(NamedTuple):
     """Results of members: arrays with the member axis first, and the reasons of failures, by index."""
 
     arrays: dict[str, Array]
     status: NDArray[np.int8]
     reasons: dict[int, str]
+
+    def refuse(self, reasons: dict[int, str]) -> None:
+        """Mark the members that have reasons as refused."""
+        self.status[list(reasons)] = REFUSED
+        self.reasons.update(reasons)
 
 
 class Members:
@@ -265,31 +267,29 @@ class Members:
         self.data = self.file.model_dump(exclude_none=True, exclude={"sweep"})
         self.variables = statistics.checked_variables(self.sweep.variables)
 
-    @classmethod
-    def of(cls, text: str, folder: Path) -> Members:
-        """Return the members of a file given by `RunFile.text`; the files that it names are in `folder`."""
-        return cls(file_of_text("the sweep", text, folder))
-
     def __len__(self) -> int:
         return self.sweep.members
 
     @cached_property
-    def kept(self) -> dict[str, Kept]:
-        """The variables without `status`; the conserved momentum is that of the body of the file."""
+    def kept(self) -> dict[str, tuple[tuple[str, ...], dict[str, str]]]:
+        """The dims after the member axis, and the attributes, of all variables but `status`.
+
+        The conserved momentum is that of the body of the file.
+        """
         found = {}
         for name in self.variables:
             dims, units, long_name, symbol = about(name)
             attributes = {"units": units, "long_name": f"{long_name} at t_end", "symbol": symbol}
-            found[name] = Kept(tuple(dims[1:]), attributes)
+            found[name] = tuple(dims[1:]), attributes
         for name, (dims, _, attributes) in self._reduced(np.zeros((1, 4, COLUMNS)), 1.0).items():
-            found[name] = Kept(tuple(dims[1:]), attributes)
+            found[name] = tuple(dims[1:]), attributes
         return found
 
     @property
     def shapes(self) -> dict[str, tuple[int, ...]]:
         """The shapes of the variables of a member."""
         sizes = SIZES | {"wheel": len(self.file.prepared.plan.load.wheels)}
-        return {name: tuple(sizes[dim] for dim in one.dims) for name, one in self.kept.items()}
+        return {name: tuple(sizes[dim] for dim in dims) for name, (dims, _) in self.kept.items()}
 
     @property
     def bytes_each(self) -> int:
@@ -302,42 +302,32 @@ class Members:
         return statistics.named(observed, self.sweep.reduce, plan.systems, loaded, span, plan.load.potentials)
 
     def run(self, values: Values) -> Results:
-        """Integrate the members with these numbers."""
+        """Integrate the members with these numbers, those at once that differ in axes of an ensemble alone."""
         m = len(next(iter(values.values())))
         arrays = {name: np.full((m, *shape), np.nan) for name, shape in self.shapes.items()}
         results = Results(arrays, np.zeros(m, np.int8), {})
-        for file, places, inner in self._groups(values):
-            self._run(file, places, inner, results)
-        return results
-
-    def _groups(self, values: Values) -> Iterator[tuple[RunFile | str, NDArray[np.int64], Values]]:
-        """Yield files that differ in keys that are no ensemble axis, the indices of their members, and the axes."""
         inner = {key: array for key, array in values.items() if self.is_axis(key)}
         outer = {key: array for key, array in values.items() if key not in inner}
-        m = len(next(iter(values.values())))
-        if not outer:
-            yield self.file, np.arange(m), inner
-            return
-        rows = np.concatenate([array.reshape(m, -1) for array in outer.values()], axis=1)
+        rows = np.concatenate([np.empty((m, 0)), *(array.reshape(m, -1) for array in outer.values())], axis=1)
         _, firsts, group = np.unique(rows, axis=0, return_index=True, return_inverse=True)
         order = np.argsort(group.ravel(), kind="stable")
         for first, places in zip(firsts, np.split(order, np.cumsum(np.bincount(group.ravel()))[:-1]), strict=True):
-            file = self._file({key: array[first] for key, array in outer.items()})
-            yield file, places, {key: array[places] for key, array in inner.items()}
+            try:
+                file = self._file(part(outer, first))
+            except ValueError as error:
+                results.refuse(dict.fromkeys(places.tolist(), reason_of(error, "load")))
+            else:
+                self._run(file, places, inner, results)
+        return results
 
-    def _file(self, numbers: dict[str, Any]) -> RunFile | str:
-        """Return the file with numbers inserted, or why it is invalid; loads are checked when they are made."""
+    def _file(self, numbers: dict[str, Any]) -> RunFile:
+        """Return the file with numbers inserted, or raise a ValueError; loads are checked when they are made."""
+        if not numbers:
+            return self.file
         data = with_values(self.data, numbers)
-        try:
-            if all(key.startswith("load.") for key in numbers):
-                return with_loads(self.file, LOADS.validate_python(data["load"]))
-            return checked("member", data, self.folder)
-        except RunFileError as error:
-            return "; ".join(map(str, error.problems))
-        except ValidationError as error:
-            return "; ".join(map(str, problems_of(error, ("load",))))
-        except ValueError as error:
-            return str(error)
+        if all(key.startswith("load.") for key in numbers):
+            return with_loads(self.file, LOADS.validate_python(data["load"]))
+        return checked("member", data, self.folder)
 
     def is_axis(self, key: str) -> bool:
         """Whether members may differ in this key within one ensemble."""
@@ -345,39 +335,31 @@ class Members:
             return len(self.file.load) == 1 and self.file.load[0].is_swept
         return key.startswith(("start.rotation", "start.angular_velocity.", "body."))
 
-    def _run(self, file: RunFile | str, places: NDArray[np.int64], values: Values, results: Results) -> None:
+    def _run(self, file: RunFile, places: NDArray[np.int64], inner: Values, results: Results) -> None:
         """Integrate members of one file, without those that are refused, which are found by bisection if not named."""
-        if isinstance(file, str):
-            results.status[places] = REFUSED
-            results.reasons.update(dict.fromkeys(places.tolist(), file))
-            return None
-        if not len(places):
-            return None
-        try:
-            scheme, problem = self.problem(file, values, len(places))
-            outcome = march(scheme, problem)
-        except ValueError as error:
-            reasons = error.reasons if isinstance(error, InvalidMembersError) else {}
-            if len(places) == 1:
-                return self._run(reasons.get(0, str(error).replace(" of member 0", "")), places, values, results)
-            number, half = np.arange(len(places)), len(places) // 2
-            invalid = np.isin(number, list(reasons))
-            for i, reason in reasons.items():
-                self._run(reason, places[i : i + 1], values, results)
-            for part in [~invalid] if reasons else [number < half, number >= half]:
-                self._run(file, places[part], {key: array[part] for key, array in values.items()}, results)
-            return None
-        ends = outcome.states.part(slice(None), slice(-1, None))
-        acting = Acting.of(problem.load, problem.stored_times[-1:], problem.load_scale)
-        for name, found in observables(self.variables, problem.systems, ends, acting).items():
-            last = found[:, 0]
-            results.arrays[name][places] = last * signs(last) if name == "quaternion" else last
-        if outcome.observed is not None:
-            for name, (_, reduced, _) in self._reduced(outcome.observed, problem.t_end - problem.t_start).items():
-                results.arrays[name][places] = reduced
-        results.status[places] = outcome.failures[:, 0]
-        results.reasons.update({int(places[i]): reason for i, reason in messages(problem, outcome).items()})
-        return None
+        left = [places]
+        while left:
+            if not len(places := left.pop()):
+                continue
+            try:
+                scheme, problem = self.problem(file, part(inner, places), len(places))
+                outcome = march(scheme, problem)
+            except ValueError as error:
+                alone = {0: str(error).replace(" of member 0", "")} if len(places) == 1 else {}
+                reasons = error.reasons if isinstance(error, InvalidMembersError) else alone
+                results.refuse({int(places[i]): reason for i, reason in reasons.items()})
+                left += [np.delete(places, list(reasons))] if reasons else np.array_split(places, 2)
+                continue
+            ends = outcome.states.part(slice(None), slice(-1, None))
+            acting = Acting.of(problem.load, problem.stored_times[-1:], problem.load_scale)
+            for name, found in observables(self.variables, problem.systems, ends, acting).items():
+                last = found[:, 0]
+                results.arrays[name][places] = last * signs(last) if name == "quaternion" else last
+            if outcome.observed is not None:
+                for name, (_, reduced, _) in self._reduced(outcome.observed, problem.t_end - problem.t_start).items():
+                    results.arrays[name][places] = reduced
+            results.status[places] = outcome.failures[:, 0]
+            results.reasons.update({int(places[i]): reason for i, reason in messages(problem, outcome).items()})
 
     def problem(self, file: RunFile, values: Values, m: int) -> tuple[Integrator, IVP]:
         """Return m members of one file, which differ in axes of an ensemble alone, and how to integrate them.
@@ -414,18 +396,17 @@ class Members:
         if not values:
             return file.start.rotation.rotation()
         form, data = type(file.start.rotation), file.start.rotation.model_dump()
-        keys = {key.removeprefix("."): array for key, array in values.items()}
-        made = [
-            form.model_validate(with_values(data, {key: array[i] for key, array in keys.items()})) for i in range(m)
-        ]
+        keys = _below(".", values)
+        made = [form.model_validate(with_values(data, part(keys, i))) for i in range(m)]
         return Rotation.concatenate([one.rotation() for one in made])
 
     def data_of(self, values: Values) -> dict[str, Any]:
         """Return the file of one member, whose numbers have a member axis of length 1, as plain data."""
-        plain = {key: array[0] for key, array in values.items() if key != "start.rotation"}
-        data: dict[str, Any] = with_values(self.data, plain)
-        if "start.rotation" in values:
-            data["start"]["rotation"] = {"quaternion": values["start.rotation"][0].tolist(), "order": "xyzw"}
+        numbers = part(values, 0)
+        rotation = numbers.pop("start.rotation", None)
+        data: dict[str, Any] = with_values(self.data, numbers)
+        if rotation is not None:
+            data["start"]["rotation"] = {"quaternion": rotation.tolist(), "order": "xyzw"}
         return data
 
 

@@ -31,7 +31,8 @@ from ..errors import SweepStoreError
 from ..geometry.arrays import Array
 from ..geometry.values import as_path
 from ..integrators import Status
-from ..io.whole import atomic_file, atomic_folder
+from ..io.whole import atomic_file, atomic_path
+from ..runfile.document import file_of_text
 from .members import REFUSED, Members, Results, values
 
 FORMAT, ABSENT = 3, -2
@@ -238,7 +239,7 @@ class SweepStore:
         if missing:
             raise _damaged(path, f"{SEAL} is missing")
         known = members is not None and (members.text, members.folder.path.absolute()) == (text, folder)
-        self.members = members if members is not None and known else Members.of(text, folder)
+        self.members = members if members is not None and known else Members(file_of_text("the sweep", text, folder))
         self.names = [*self.members.kept, "status"]
         self.blocks = Blocks(path, self.group, block, len(self.members), seal)
 
@@ -320,7 +321,7 @@ def create(path: Path, members: Members, block: int) -> SweepStore:
     """Make an empty store; it appears under its name when it is complete."""
     zarr, m = _zarr(), len(members)
     statuses = {ABSENT: "absent", REFUSED: "refused", **{int(status): status.name.lower() for status in Status}}
-    with atomic_folder(path) as temporary:
+    with atomic_path(path) as temporary:
         record = {
             "sweep_format": FORMAT,
             "title": members.file.title or f"{m} {members.file.body.kind} rigid bodies",
@@ -347,8 +348,8 @@ def create(path: Path, members: Members, block: int) -> SweepStore:
                 attributes=attributes,
             )
 
-        for name, kept in members.kept.items():
-            add(name, members.shapes[name], np.float64(np.nan), kept.dims, kept.attributes)
+        for name, (dims, own) in members.kept.items():
+            add(name, members.shapes[name], np.float64(np.nan), dims, own)
         add("status", (), np.int8(ABSENT), (), status_attributes(statuses))
         group.create_group("blocks")
         with warnings.catch_warnings():

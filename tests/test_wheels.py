@@ -367,6 +367,15 @@ def test_a_motor_is_switched_off_by_continuing():
         nt.simulate(nt.standard(J), t_end=t + 1, load=wheel() + wheel(), start=runs[-1])
 
 
+@pytest.mark.parametrize("more", [{}, {"viscous": 0.01}, {"coulomb": 0.01}])
+def test_events_see_the_speeds_of_wheels(more):
+    load = nt.memory_load(lambda t, z, d, w: -z, lambda *_: (0, 0, 0), 0.5) + nt.wheel((1, 1, 0), 0.2, 3, -0.1, **more)
+    how = {"t_end": 5, "load": load, "material_angular_velocity": W0, "step": 0.1}
+    run = nt.simulate(nt.standard(J), events=lambda t, state: state.wheel_speed[0] - 2, **how)
+    end = nt.simulate(nt.standard(J), **how | {"times": [0, *run.t_events.values]})
+    assert end.wheel_speed.values[1:, 0] == pytest.approx([2], abs=1e-9)
+
+
 def test_a_run_whose_wheels_do_not_go_on_is_named():
     """Wheels that the load lacks or has otherwise, states that a run has lost, motions without velocities."""
     body, own, W = nt.standard(J), nt.wheel("z", 0.05, speed=100), {"material_angular_velocity": W0}

@@ -33,7 +33,7 @@ from .notices import failure_message, say, warn_of_cost
 from .planning import internal_states, planned, resolve_integrator
 from .problem import STARTS, OfLoop, OfStart, Problem, part_of, posed
 from .single_run import whole_of
-from .starts import AT_REST, BodyState, starts
+from .starts import AT_REST, BodyState, axes_of, starts
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
@@ -208,12 +208,10 @@ class StepperState(BodyState):
     (0.01, array([0.e+00, 0.e+00, 1.e-05]))
     """
 
-    __slots__ = ("_axes", "_kind", "_start", "_steps", "_wheels")
-    _axes: tuple[tuple[float, ...], ...]  # inertia and axis of each wheel
+    __slots__ = ("_kind", "_start", "_steps")
     _kind: Kind
     _start: float
     _steps: int
-    _wheels: Wheels
 
     @property
     def time(self) -> float:
@@ -232,11 +230,6 @@ class StepperState(BodyState):
         return self._numbers[end - 2 * k : end - k]  # the carried numbers end with z and its round-off
 
     @property
-    def wheel_momentum(self) -> tuple[float, ...]:
-        """Axial momentum of each wheel in space, kg m² s⁻¹."""
-        return tuple(one[0] for one in self._wheels)
-
-    @property
     def wheel_work(self) -> tuple[float, ...]:
         """Work of the motor of each wheel since the last reset, or since the start of the run that it continues, J."""
         return tuple(one[1] for one in self._wheels)
@@ -245,13 +238,6 @@ class StepperState(BodyState):
     def wheel_loss(self) -> tuple[float, ...]:
         """Energy that friction of each wheel has taken since then, J."""
         return tuple(one[2] for one in self._wheels)
-
-    @property
-    def wheel_speed(self) -> tuple[float, ...]:
-        """Speed of each wheel relative to the body, rad/s."""
-        x, y, z = self.material_angular_velocity
-        found = zip(self._wheels, self._axes, strict=True)
-        return tuple(h / I - (a * x + b * y + c * z) for (h, *_), (I, a, b, c) in found)
 
     @property
     def load_work(self) -> float:
@@ -316,7 +302,7 @@ class Stepper:
         self._wheels = load.wheels
         count = load.internal_state.size - sum(one.count for one in load.wheels)
         self._kind = Kind(integrator, step, system.euler_inertia.tobytes(), axis, count)
-        self._axes = tuple((one.inertia, *one.direction.tolist()) for one in load.wheels)
+        self._axes = axes_of(load)
         self.reset()
 
     def reset(

@@ -31,9 +31,10 @@ from ..geometry.attitudes import States
 from ..geometry.values import as_whole, short_repr
 from ..integrators.base import IVP, Failure, Integrator, Outcome, Status
 from ..integrators.costs import largest_velocity
+from ..integrators.load_samples import wheel_columns
 from ..integrators.problem import Intervals, onward, started
 from . import completion
-from .starts import BodyState, body_state
+from .starts import BodyState, axes_of, body_state
 
 TURN, MOST = 0.25, 64  # rad between two times; how many of them there may be in a step
 FIRST, LARGEST = 64, 4096  # steps of the first part, of the largest
@@ -266,7 +267,7 @@ class Search:
         """Return the events in the order of their times."""
         times, states = self.part.times, self.part.outcome.states.part(0)
         is_apart = np.diff(times) > SAME * np.spacing(abs(times[1:]))
-        bodies, found, crossed, near = bodies_of(times, states), list[Root](), list[Crossing](), list[Crossing]()
+        bodies, found, crossed, near = self._bodies(times, states), list[Root](), list[Crossing](), list[Crossing]()
         for number, event in enumerate(self.events):
             values = event.values(bodies)
             signs = np.sign(values)
@@ -349,7 +350,7 @@ class Search:
         """Return the values of the functions at times of their own, (n, k), and the states."""
         states = self.part.at([one.check for one in looked], times)
         rows = zip(looked, times, states, strict=True)
-        return np.array([self.events[one.event].values(bodies_of(t, own)) for one, t, own in rows]), states
+        return np.array([self.events[one.event].values(self._bodies(t, own)) for one, t, own in rows]), states
 
     def _between(self, one: Crossing) -> Root:
         """Return the root by Brent's method."""
@@ -365,12 +366,12 @@ class Search:
         t = float(brentq(value, *one.times, xtol=max(XTOL * longest, np.finfo(np.float64).tiny), rtol=RTOL))
         return Root(t, one.event, self.part.at([one.check], np.array([[t]]))[0].part(0), one.check)
 
-
-def bodies_of(times: Array, states: States) -> list[BodyState]:
-    """Return states along times as values."""
-    p, W, t = states.quaternion.tolist(), states.velocity.tolist(), times.tolist()
-    z: Any = [()] * len(t) if states.internal is None else states.internal.tolist()
-    return list(map(body_state, t, p, W, z))
+    def _bodies(self, times: Array, states: States) -> list[BodyState]:
+        """Return states along times as values."""
+        p, W, t, load = states.quaternion.tolist(), states.velocity.tolist(), times.tolist(), self.part.problem.load
+        z: Any = [()] * len(t) if states.internal is None else states.internal.tolist()
+        axes, columns = axes_of(load), [k for _, k in wheel_columns(load)]
+        return [body_state(*one, axes, columns) for one in zip(t, p, W, z, strict=False)]
 
 
 def dips(values: Array) -> NDArray[np.bool_]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -45,9 +46,11 @@ class BodyState:
     array([0.785398])
     """
 
-    __slots__ = ("_numbers", "_time")
+    __slots__ = ("_axes", "_numbers", "_time", "_wheels")
+    _axes: tuple[tuple[float, ...], ...]  # inertia and axis of each wheel
     _numbers: tuple[float, ...]
     _time: float
+    _wheels: tuple[tuple[float, ...], ...]  # h first
 
     @property
     def time(self) -> float:
@@ -68,6 +71,18 @@ class BodyState:
     def internal_state(self) -> tuple[float, ...]:
         """The internal states z of loads with memory, one behind the other; none: ()."""
         return self._numbers[7:]
+
+    @property
+    def wheel_momentum(self) -> tuple[float, ...]:
+        """Axial momentum of each wheel in space, kg m² s⁻¹."""
+        return tuple(one[0] for one in self._wheels)
+
+    @property
+    def wheel_speed(self) -> tuple[float, ...]:
+        """Speed of each wheel relative to the body, rad/s."""
+        x, y, z = self.material_angular_velocity
+        found = zip(self._wheels, self._axes, strict=True)
+        return tuple(h / I - (a * x + b * y + c * z) for (h, *_), (I, a, b, c) in found)
 
     @property
     def angular_velocity(self) -> Vector:
@@ -102,10 +117,18 @@ class BodyState:
         return f"<{type(self).__name__}: t = {self._time:.12g} s, quaternion {p}, W {W} rad/s>"
 
 
-def body_state(time: float, quaternion: Any, velocity: Any, internal: Any = ()) -> BodyState:
-    """Return the state of a quaternion, scalar last, W, and internal states, lists of floats."""
+def axes_of(load: Load) -> tuple[tuple[float, ...], ...]:
+    """Return inertia and axis of each wheel."""
+    return tuple((one.inertia, *one.direction.tolist()) for one in load.wheels)
+
+
+def body_state(
+    time: float, quaternion: Any, velocity: Any, internal: Any = (), axes: Any = (), columns: Sequence[int] = ()
+) -> BodyState:
+    """Return the state of a quaternion, scalar last, W, and internal states, lists of floats, and `columns` of h."""
     state = BodyState()
     state._time, state._numbers = time, (*quaternion, *velocity, *internal)
+    state._axes, state._wheels = axes, tuple((internal[k],) for k in columns)
     return state
 
 
@@ -380,7 +403,7 @@ def _new_axis(start: Any, systems: SystemStack) -> Array | None:
     return None if abs(found.axis - axis).max() <= SAME else axis
 
 
-def _records(start: Any) -> list[Record]:
+def _records(start: Any) -> Sequence[Record]:
     """Return what the load at the end of a run is, as far as it states that."""
     if isinstance(start, Trajectory):
         return start.load
@@ -389,7 +412,7 @@ def _records(start: Any) -> list[Record]:
     return recorded(start, "load") if "load" in start.attrs else []
 
 
-def _require_memory(records: list[Record], load: Load, begin: Starts) -> None:
+def _require_memory(records: Sequence[Record], load: Load, begin: Starts) -> None:
     """Warn of wheels and a memory that the load does not carry on; a ValueError where a run has lost their states."""
     before, now = ([one for one in many if one["kind"] == "memory"] for many in (records, load.description))
     if before and now and begin.internal is None:

@@ -541,6 +541,21 @@ def test_the_figure_that_is_proposed_says_something(write):
     assert {key: draw(f"{name}.zarr", ["body.axis.0"], key).get_ylabel() for key in labels} == labels
 
 
+@pytest.mark.usefixtures("here")
+def test_what_is_proposed_varies_and_bars_mark_a_length(write):
+    matrices = [np.diag([3.0, 4.0, last]).tolist() for last in (5, 6)]
+    over = f'[sweep]\ncombine = "together"\nvariables = ["wheel_speed"]\n{a_list("body.inertia", matrices)}'
+    wheel = 'load = [{ kind = "wheel", axis = [0, 0, 1], inertia = 0.1, speed = -100 }]\n'
+    text = f"{FREE[: FREE.index('[sweep]')]}{wheel}{over}"
+    sweep(write(text + a_list("start.angular_velocity.body", [[0, 0, 1], [0, 0, 2]])), "w.zarr", workers=1)
+    line = "sweep-show w.zarr --plot body.inertia.2.2 start.angular_velocity.body.2 wheel_speed"
+    assert nontwist("sweep-show", "w.zarr").stderr == f"next: nontwist {line}\n"
+    ended(0, *line.split())
+    ax = draw("w.zarr", ["start.angular_velocity.body"], "wheel_speed")
+    assert ax.get_xlabel().startswith("|start.angular_velocity.body| (rad")
+    assert (ax.collections[0].get_offsets()[:, 1] < -90).all()
+
+
 def test_figures_of_grids_with_equal_ratios_have_logarithmic_axes(write, tmp_path):
     """Cells end half way between the values, on the scale of the axis."""
     free = FREE[: FREE.index("samples")] + 'variables = ["kinetic_energy"]\n'

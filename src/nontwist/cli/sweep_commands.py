@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 # What the commands on sweeps print.
 
 SHOWN = 10  # kinds of failure
+TRIED = 100  # members that show what varies
 NUMBER = re.compile(r"-?\d+(\.\d+)?(e[+-]?\d+)?")
 
 
@@ -52,6 +53,7 @@ def _over(data: dict[str, Any]) -> str:
 
 def sweep_facts(store: Path) -> dict[str, Any]:
     """Return what a store holds, as plain data."""
+    from ..sweeps.members import spread
     from ..sweeps.store import open_store
 
     kept = open_store(store)
@@ -76,7 +78,16 @@ def sweep_facts(store: Path) -> dict[str, Any]:
         "seed": sweep.seed,
         "variables": {str(name): _variable(one) for name, one in data.data_vars.items() if name not in hidden},
         "failures": _kinds(reasons),
+        "drawn": [_varying(*one) for one in spread(sweep, TRIED).items()],
     }
+
+
+def _varying(key: str, values: Any) -> str:
+    """Return a key, or its first component that differs among members."""
+    import numpy as np
+
+    ranges = np.ptp(values, axis=0)
+    return ".".join([key, *map(str, np.unravel_index(np.argmax(ranges > 0), ranges.shape))])
 
 
 def _variable(values: Any) -> dict[str, Any]:
@@ -113,10 +124,8 @@ def print_sweep(facts: dict[str, Any]) -> None:
         counts, firsts, reasons = zip(*(map(str, one.values()) for one in facts["failures"]), strict=True)
         print_table("failures", {"members": counts, "first": firsts, "reason of the first": reasons})
     if facts["swept"] and facts["variables"]:
-        plain = ("grid", "list")
         quantity = _telling({name: len(one["dimensions"]) for name, one in facts["variables"].items()})
-        keys = [f"{key}{'' if words.startswith(plain) else '.0'}" for key, words in facts["swept"].items()]
-        drawn = keys if len(keys) == 2 else keys[:1]
+        drawn = facts["drawn"][: 2 if len(facts["drawn"]) == 2 else 1]
         say_next(("sweep-show", facts["store"], "--plot", *drawn, quantity))
 
 

@@ -209,7 +209,7 @@ def draw(store: str | os.PathLike[str], keys: Sequence[str], quantity: str) -> A
     keys : 1 or 2 str
         Swept keys, or components of them: "body.axis", "body.axis.0".
     quantity : str
-        A variable, or a component of it; of a vector the length is drawn.
+        A variable, or a component of it; of a vector of more than one the length is drawn.
 
     Returns
     -------
@@ -255,7 +255,7 @@ class _Component(NamedTuple):
     """Numbers of members, of a vector their lengths, and what labels call them."""
 
     numbers: Array
-    column: str  # as in exported tables, quaternion_z, and the unit
+    column: str  # as in exported tables, quaternion_z, of a length between bars, and the unit
     label: str  # and the symbol, of a vector that of its length
 
 
@@ -276,6 +276,8 @@ def _component(data: Any, name: str, known: Sequence[str], fault: str, every: sl
         raise ValueError(f"{name} is a matrix, {size}, which has no length; {one}")
     entry: Any = (slice(None), *place)
     numbers = np.asarray(whole[every].values, dtype=np.float64)[entry]
+    if left == (1,):  # a single wheel
+        numbers, left = numbers[:, 0], ()
     labels = [str(whole[dim].values[k]) for dim, k in zip(whole.dims[1:], place, strict=False)]
     column = "_".join([base, *labels])
     if " " in whole.attrs.get("symbol", " "):  # of a reduction, which repeats the name
@@ -284,7 +286,7 @@ def _component(data: Any, name: str, known: Sequence[str], fault: str, every: sl
         text = symbol(whole, "".join(labels))
         label = f"{column if place else column.replace('_', ' ')} {f'|{text}|' if left else text}"
     numbers = np.sqrt((numbers * numbers).sum(axis=1)) if left else numbers
-    return _Component(numbers, column + unit(whole), label + unit(whole))
+    return _Component(numbers, (f"|{column}|" if left else column) + unit(whole), label + unit(whole))
 
 
 def _dots(ax: Any, x: Array, y: Array, **colour: Any) -> Any:

@@ -24,7 +24,7 @@ from nontwist.runfile import read_run_file
 from nontwist.viewer import drawing
 from nontwist.viewer.content import content, contents
 from nontwist.viewer.drawing import Look, Motion, camera_of, colours, still
-from nontwist.viewer.films import PAUSE, RATES, SECONDS, WIDTHS, _motions, save_film, save_still
+from nontwist.viewer.films import PAUSE, RATES, SECONDS, WIDTHS, Pictures, save_film, save_still
 from refusals import said, says
 
 
@@ -205,8 +205,8 @@ def test_two_runs_have_names_that_differ_or_those_that_are_given(runs, folder):
         ([one], None, ["standard body"]),  # below the title of the page
     ):
         assert [each["name"] for each in contents(given, labels)] == names
-    for given, name in (((None,), "a"), (("c",), "c"), ((None, "d"), "d")):
-        assert [motion.data["name"] for motion in _motions([one], *given)] == [name]
+    for given, name in (({}, "a"), ({"labels": "c"}, "c"), ({"title": "d"}, "d")):
+        assert [motion.data["name"] for motion in Pictures([one], ".png", **given).motions] == [name]
     for several, labels in (
         (files, ["a"]),
         (files, "ab"),

@@ -212,6 +212,7 @@ test_refused_by_name = refused_as(
         lambda: memory_load(lags, torque, 1.0, compiled=True),
         lambda: memory_load(friction, lambda t, z, d, w: z, Z0, compiled=True),
         lambda: memory_load(lambda t, z, d, w: z[:1], reaction, Z0, compiled=True),
+        lambda: memory_load(lambda t, z, d, w: z[0], reaction, 0.0, compiled=True),
         lambda: nt.stepper(standard(J), 0.1, load=load()),
         lambda: nt.sensitivities(standard(J), wrt="load_scale", **RUN, load=load()),
         lambda: simulate(standard(J), start=simulate(standard(J), **HOW, load=WHEEL), t_end=5, load=load()),

@@ -356,6 +356,8 @@ def test_overrides(write):
     assert (run_file.body.kind, run_file.integrator.order, run_file.load[0].coefficient) == ("suslov", 6, 2)
     assert lines(write, text, "body.mas=2")[0].startswith("body.mas: unknown key -> did you mean mass?")
     assert lines(write, text, "step=0.1")[0].startswith("step: unknown key -> did you mean time.step?")
+    assert 'did you mean "wheel"?' in lines(write, text, 'load.0={kind="reaction_wheel"}')[0]
+    assert lines(write, text, 'load.0={kind="wheel", axis=[0, 0, 0], inertia=1}')[0].endswith('"-y", "-z"')
     assert lines(write, text, "load.0.frequency=2")[0].endswith('; it belongs to kind = "sine"')
     turned = "start.rotation={matrix=[[1, 0, 0], [0, 1, 0], [0, 0, 1]], unit='deg'}"
     assert lines(write, text, turned)[0].endswith("; it belongs to { vector = ... } or { euler = ... }")

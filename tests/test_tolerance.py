@@ -196,6 +196,22 @@ def test_members_that_meet_a_jump_do_not_stop_the_others():
         assert found == pytest.approx(last, abs=1e-12, nan_ok=True)
 
 
+def test_a_jump_that_no_stage_sees_is_refused():
+    """It lies behind the last stage of a step, before a node of both grids, whose runs agree to round-off."""
+
+    def law(t, d, w):
+        return np.where(d[2] @ w < 0.1, 0.5, 0.0) * d[2]
+
+    body, load = nt.standard([40, 50, 60]), nt.moment(law, compiled=True)
+    for speed in (0.0468, 0.0734268198709379, 0.08005390509141001, 0.05348700271797271, 0.0801246916804313):
+        with pytest.raises(SimulationError) as told:
+            nt.simulate(body, t_end=40, load=load, material_angular_velocity=(0, 0, speed))
+        assert told.value.status == Status.JUMP
+    declared = nt.moment(law, breakpoints=[6.0], compiled=True)  # where a node lies at the jump the run is right
+    run = nt.simulate(body, t_end=40, load=declared, material_angular_velocity=(0, 0, 0.05))
+    assert run.material_angular_velocity.values[-1, 2] == pytest.approx(0.1, abs=1e-9)
+
+
 def test_what_saturates_with_the_state_is_told_and_is_within_its_tolerance_once_it_is_smooth():
     def clipped(t, directors, w):
         return -0.2 * np.minimum(np.maximum(5 * w, -1), 1)

@@ -290,7 +290,7 @@ def test_a_constant_is_added_to_a_table_within_its_times(times, viscous):
     assert found == pytest.approx((ends[0] - ends[1]) / 2e-4, abs=1e-8)
 
 
-TORQUES = (lambda t: 1.0), [1, 2, 3], ([0, 1],), ([0, 1], [0, 1], [0, 1]), np.zeros((2, 2))
+TORQUES = (lambda t: 1.0), [1, 2, 3], ([0, 1],), ([0, 1], [0, 1], [0, 1]), np.zeros((2, 2)), [0.1, 0.2]
 test_what_cannot_be_is_refused = refused_as(
     [
         lambda: nt.wheel("x", 0),

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .analysis.datasets import RUN, as_dataset
-from .analysis.variables import assembled, coordinates
+from .analysis.variables import assembled, labelled
 from .driver.runs import resample
 from .geometry.arrays import as_array, as_number, as_positive
 from .geometry.rotations import exp
@@ -118,4 +118,4 @@ def gyroscope(
     record = {"title": "gyroscope, simulated", "noise": density, "bias": b, "scale": s, "rate": hertz, "seed": seed}
     record |= {"delay": late, "misalignment": np.asarray(misalignment, dtype=np.float64), "axis_scales": e}
     dims = ("time", "director")
-    return assembled({"gyroscope": (dims, y, attrs)}, coordinates(dims, time=t), record)
+    return assembled(labelled({"gyroscope": (dims, y, attrs)}, time=t), record)

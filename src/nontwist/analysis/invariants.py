@@ -136,29 +136,24 @@ def invariants(system: DirectorSystem, records: Records, dissipates: bool = Fals
     loaded, gyrostat, orbit = bool(others), all(map(is_rotor, others)), _orbit(held)
     systems, heavy = stacked(system), bool(system.dead_force.any() or held)
     found: dict[str, Invariant] = {}
+    work, total = ("−A", "π+Λh") if loaded else ("", "π")
     if orbit is not None:
         others_act = orbit.get("eccentricity") or system.dead_force.any() or dissipates or len(held) > 1
         if system.axis is None and gyrostat and not others_act:
-            symbol = "K+V−A−n o·(π+Λh)" if loaded else "K+V−n o·π"
-            found["jacobi_integral"] = Invariant(symbol, "J", partial(_jacobi_integral, orbit), loaded)
+            symbol = f"K+V{work}−n o·{f'({total})' if loaded else total}"
+            found["jacobi_integral"] = Invariant(symbol, "J", partial(_energy, loaded, orbit), loaded)
     elif system.spin is not None or dissipates:
         if system.spin is not None and not (loaded or heavy):
             found["transverse_form"] = Invariant("2J₃K−Π²", "kg2 m4 s-2", partial(_transverse_form, system))
-    elif loaded:
-        symbol = "K+V−A" if heavy else "K−A"
-        balance = Invariant(symbol, "J", lambda x: x.kinetic_energy + x.potential_energy - x.work, has_work=True)
-        found["energy_balance"] = balance
-    elif heavy:
-        found["total_energy"] = Invariant("K+V", "J", lambda x: x.kinetic_energy + x.potential_energy)
     else:
-        found["kinetic_energy"] = Invariant("K", "J", lambda x: x.kinetic_energy)
+        name = "energy_balance" if loaded else "total_energy" if heavy else "kinetic_energy"
+        symbol = ("K+V" if heavy else "K") + work
+        found[name] = Invariant(symbol, "J", partial(_energy, loaded, None), loaded)
     momentum = conserved_momentum(systems, loaded and not (gyrostat and system.axis is None), held)
-    if momentum == "spatial_momentum" and loaded:
-        found["total_momentum"] = Invariant("π+Λh", "kg m2 s-1", lambda x: x.total_momentum)
-    elif momentum == "spatial_momentum":
-        found[momentum] = Invariant("π", "kg m2 s-1", lambda x: x.spatial_momentum)
+    if momentum == "spatial_momentum":
+        found["total_momentum" if loaded else momentum] = Invariant(total, "kg m2 s-1", lambda x: x.total_momentum)
     elif momentum == "vertical_momentum":
-        g, symbol = _vertical(systems, held)[0], "(π+Λh)·g" if loaded else "π·g"
+        g, symbol = _vertical(systems, held)[0], f"({total})·g" if loaded else "π·g"
         found[momentum] = Invariant(symbol, "kg m2 s-1", lambda x: x.total_momentum @ g)
     elif momentum is not None and (n := system.axis) is not None:
         plane = np.eye(3) - np.outer(n, n)
@@ -167,10 +162,12 @@ def invariants(system: DirectorSystem, records: Records, dissipates: bool = Fals
     return found
 
 
-def _jacobi_integral(orbit: Mapping[str, Any], x: Quantities) -> Array:
-    """Return ``K + V - A - n o·(π + Λh)``, which a body on a circular orbit keeps, h the momenta of its rotors."""
-    n, o = orbit["mean_motion"], np.array(orbit["normal"])
-    return x.kinetic_energy + x.potential_energy - x.work - n * (x.total_momentum @ o)
+def _energy(loaded: bool, orbit: Mapping[str, Any] | None, x: Quantities) -> Array:
+    """Return ``K + V - A - n o·(π + Λh)``: A of a load alone, n o·(π + Λh) on an orbit, h the momenta of the rotors."""
+    E = x.kinetic_energy + x.potential_energy
+    if loaded:
+        E = E - x.work
+    return E if orbit is None else E - orbit["mean_motion"] * (x.total_momentum @ np.array(orbit["normal"]))
 
 
 def _transverse_form(system: DirectorSystem, x: Quantities) -> Array:

@@ -42,8 +42,8 @@ from .variables import (
     Acting,
     about,
     assembled,
-    coordinates,
     described,
+    labelled,
     names_of,
     nodal,
     observables,
@@ -80,12 +80,11 @@ def dataset(
         loaded = bool(ensemble.load.without_potentials.terms)
         found |= named(outcome.observed, reduce, systems, loaded, span, ensemble.load.potentials)
     statuses = {int(status): status.name.lower() for status in Status}
-    found["status"] = ("member", outcome.failures[:, 0].astype(np.int64), status_attributes(statuses))
+    found["status"] = (("member",), outcome.failures[:, 0].astype(np.int64), status_attributes(statuses))
     found |= _of_members(ensemble)
-    used = {dim for dims, *_ in found.values() for dim in ([dims] if isinstance(dims, str) else dims)}
-    along: dict[str, Any] = {"wheel": np.arange(1, 1 + len(ensemble.load.wheels))} if ensemble.load.wheels else {}
-    placed = coordinates(used, member=np.arange(len(ensemble)), time=ensemble.stored_times, **along)
-    return assembled(found, placed, _record(scheme, ensemble))
+    wheels = np.arange(1, 1 + len(ensemble.load.wheels))
+    labels = {"member": np.arange(len(ensemble)), "time": ensemble.stored_times, "wheel": wheels}
+    return assembled(labelled(found, **labels), _record(scheme, ensemble))
 
 
 def status_attributes(meanings: dict[int, str]) -> dict[str, Any]:

@@ -10,7 +10,7 @@ from functools import cache, cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from ..geometry.arrays import Array, largest_size
 from ..geometry.attitudes import States, director_velocities, directors
@@ -22,7 +22,6 @@ from ..loads.kinds import is_rotor, load_of, rotors_of
 from ..models.equations import LABELS
 from ..models.system import DirectorSystem
 from .variables import (
-    COORDINATES,
     EVENTS,
     NODES,
     OBSERVABLES,
@@ -32,8 +31,8 @@ from .variables import (
     Described,
     Wheels,
     assembled,
-    coordinates,
     described,
+    labelled,
     names_of,
     observables_of_one,
 )
@@ -261,22 +260,16 @@ class Trajectory:
 
     def to_dataset(self) -> xarray.Dataset:
         """Return the run as an `xarray.Dataset` with all observables, units and the attributes of `record`."""
-        return self._dataset({}, {}, {})
+        return self._dataset({})
 
-    def _dataset(
-        self, more: dict[str, Array], coordinates_of: dict[str, Any], beside: dict[str, Described]
-    ) -> xarray.Dataset:
-        """Return the run as a dataset with `more` variables, and the coordinates that these need (`coordinates`)."""
+    def _dataset(self, more: Mapping[str, Described], **labels: ArrayLike) -> xarray.Dataset:
+        """Return the run as a dataset with `more` variables and the `labels` of their dims."""
         variables: dict[str, Any] = self.observables(nodes_of(self.load))
         if self.states.internal is not None:
             variables["internal_state"] = self.states.internal
         variables |= {"moment": self.moment, "load_work": self.load_work}
-        along: dict[str, Any] = {"time": self.time, "midtime": (self.time[1:] + self.time[:-1]) / 2}
-        if "wheel_speed" in variables:
-            along["wheel"] = np.arange(1, 1 + variables["wheel_speed"].shape[1])
         if count := self.multipliers.shape[1]:
             variables["multipliers"] = self.multipliers
-            along["constraint"] = list(LABELS[-1:] if count == 1 else LABELS[:count])
         if self.system.axis is not None:
             variables["reaction_moment"] = -self.multipliers[:, -1]
             if self.dead_moment is not None:
@@ -288,12 +281,15 @@ class Trajectory:
             variables["mean_twist_rate"] = self.twist / np.diff(self.time)
         if self.newton_iterations is not None:
             variables["newton_iterations"] = self.newton_iterations
+        beside = dict[str, Described]()
         if self.events is not None:
             variables |= dict(zip(EVENTS, self.events[2:], strict=True))
-            labels = np.array(self.events.names, dtype=np.str_)[self.events.number]
-            beside = beside | {"event_name": ("event", labels, {"long_name": "name of the event function"})}
-        variables, along = variables | more, along | coordinates_of
-        return assembled(described(variables), coordinates((*along, *COORDINATES), beside, **along), self.record())
+            names = np.array(self.events.names, dtype=np.str_)[self.events.number]
+            beside["event_name"] = (("event",), names, {"long_name": "name of the event function"})
+        along: dict[str, Any] = {"time": self.time, "midtime": (self.time[1:] + self.time[:-1]) / 2}
+        along["wheel"] = np.arange(1, 1 + sum("wheel" in one for one in self.load))
+        along["constraint"] = list(LABELS[-1:] if count == 1 else LABELS[:count])
+        return assembled(labelled({**described(variables), **more, **beside}, **along, **labels), self.record())
 
     def record(self) -> dict[str, Any]:
         """Return how the run was made, as plain attributes that suffice to repeat it."""
@@ -368,13 +364,10 @@ def versions() -> dict[str, str]:
 
 def state_dataset(system: DirectorSystem, load: Load, time: Array, states: States) -> xarray.Dataset:
     """Return all observables of states of a body under a load on `time`."""
-    along: dict[str, Any] = {"time": time}
     found = observables_of_one(nodes_of(load.description), system, states, Acting.of(load, time))
     if states.internal is not None:
         found["internal_state"] = states.internal
-    if load.wheels:
-        along["wheel"] = np.arange(1, 1 + len(load.wheels))
-    return assembled(described(found), coordinates((*along, *COORDINATES), **along), {})
+    return assembled(labelled(described(found), time=time, wheel=np.arange(1, 1 + len(load.wheels))), {})
 
 
 def nodes_of(records: Sequence[Mapping[str, Any]]) -> tuple[str, ...]:

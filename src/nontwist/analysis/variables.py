@@ -25,14 +25,13 @@ scheme leaves the tangent space under load.
 from __future__ import annotations
 
 from collections import UserDict
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence, Set
 from dataclasses import dataclass
 from functools import lru_cache, partial
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from ..geometry.arrays import Array, dot
 from ..geometry.attitudes import PLACES, States, director_velocities, entries
@@ -220,15 +219,15 @@ def require_no_wheels(names: Iterable[str]) -> None:
 
 
 EVENTS = tuple(name for name, (dims, *_) in VARIABLES.items() if dims[:1] == ("event",))
-Described = tuple[Any, Any, dict[str, Any]]  # the dims of a variable, its array, its attributes
-Coordinates = tuple[dict[str, Any], dict[str, Any]]  # their variables and indexes
+Described = tuple[tuple[str, ...], Any, dict[str, Any]]  # the dims of a variable, its array, its attributes
 STATE = ("quaternion", "material_angular_velocity")
 COORDINATES: dict[str, list[Any]] = {"director": [1, 2, 3], "axis": ["x", "y", "z"], "quat": ["x", "y", "z", "w"]}
 SIZES = {name: len(labels) for name, labels in COORDINATES.items()}
 TIMES = {
-    "time": {"long_name": "time", "symbol": "t"},
-    "midtime": {"long_name": "middle of the interval", "symbol": "t_m"},
+    "time": {"units": "s", "long_name": "time", "symbol": "t"},
+    "midtime": {"units": "s", "long_name": "middle of the interval", "symbol": "t_m"},
 }
+BESIDE = {"event_name", "parameter_unit", "line"}  # coordinates that are no dims
 
 
 def described(variables: dict[str, Array], first: tuple[str, ...] = ()) -> dict[str, Any]:
@@ -240,72 +239,47 @@ def described(variables: dict[str, Array], first: tuple[str, ...] = ()) -> dict[
     return found
 
 
-def assembled(variables: Mapping[str, Described], coordinates: Coordinates, record: dict[str, Any]) -> xarray.Dataset:
-    """Return a dataset of variables, each (dims, array, attributes).
+def labelled(variables: Mapping[str, Described], **labels: Any) -> dict[str, Described]:
+    """Return variables of a dataset, and those of the labels of their dims; times are in s.
 
-    They are taken as they are: xarray would copy and compare them one by one, and import Dask, in a third of a second,
-    to ask whether it made an array.
+    Labels of dims that no variable has are left out, those that all runs share are added.
+    """
+    used = {dim for dims, *_ in variables.values() for dim in dims}
+    along = {**labels, **COORDINATES}
+    return {**variables, **{dim: ((dim,), along[dim], TIMES.get(dim, {})) for dim in along if dim in used}}
+
+
+def assembled(variables: Mapping[str, Described], record: dict[str, Any], beside: Set[str] = BESIDE) -> xarray.Dataset:
+    """Return a dataset of variables; those of the labels of a dim, and those `beside` them, are its coordinates.
+
+    They are taken as they are: xarray would copy and compare them one by one, find out their indexes, and import Dask,
+    in a third of a second, to ask whether it made an array.
     """
     import xarray
 
-    own = {name: xarray.Variable(*about, fastpath=True) for name, about in variables.items()}
-    along, indexes = coordinates
+    own, along, indexes = dict[str, Any](), dict[str, Any](), dict[str, Any]()
+    for name, (dims, array, attributes) in variables.items():
+        if dims == (name,):
+            indexes[name], variable = _words(name, *array) if isinstance(array, list) else _indexed(name, array)
+            along[name] = variable.copy(deep=False)
+            along[name].attrs = attributes
+        else:
+            (along if name in beside else own)[name] = xarray.Variable(dims, array, attributes, fastpath=True)
     return xarray.Dataset._construct_direct(own | along, set(along), attrs=record, indexes=indexes)
 
 
-def reassembled(variables: dict[str, Any], record: dict[str, Any], named: set[str]) -> xarray.Dataset:
-    """Return a dataset of variables, each (dims, array, attributes); coordinates are those of the dims and `named`."""
-    import pandas
-    import xarray
-    from xarray.indexes import PandasIndex
-
-    own, others, indexes = dict[str, Any](), dict[str, Any](), dict[str, Any]()
-    for name, (dims, array, attributes) in variables.items():
-        if dims == (name,):
-            indexes[name] = PandasIndex(pandas.Index(array), name, coord_dtype=array.dtype)
-            own |= indexes[name].create_variables()
-            own[name].attrs = attributes
-        elif name in named:
-            own[name] = xarray.Variable(dims, array, attributes, fastpath=True)
-        else:
-            others[name] = dims, array, attributes
-    return assembled(others, (own, indexes), record)
-
-
-def coordinates(
-    used: Iterable[str], beside: Mapping[str, Described] = MappingProxyType({}), **values: ArrayLike
-) -> Coordinates:
-    """Return the coordinates along the dims `used`; `values` gives those that differ from run to run, times in s.
-
-    Those `beside` them, each (dim, array, attributes), are no dims: xarray takes longer to assign them later.
-    """
-    import xarray
-
-    names, indexes = set(used), dict[str, Any]()
-    variables: dict[str, Any] = {name: xarray.Variable(*about, fastpath=True) for name, about in beside.items()}
-    for name in (*values, *COORDINATES):
-        if name in names:
-            labels: Any = values[name] if name in values else COORDINATES[name]
-            is_list = isinstance(labels, list)
-            indexes[name], variable = _labelled(name, *labels) if is_list else _indexed(name, labels)
-            variables[name] = variable.copy(deep=False)
-    return variables, indexes
-
-
 @lru_cache(maxsize=32)  # parameters may be thousands
-def _labelled(name: str, *labels: Any) -> tuple[Any, Any]:
+def _words(name: str, *labels: Any) -> tuple[Any, Any]:
     return _indexed(name, labels)
 
 
-def _indexed(name: str, values: ArrayLike) -> tuple[Any, Any]:
-    """Return the index of a coordinate and its variable: xarray takes longer to find them out."""
+def _indexed(name: str, labels: Any) -> tuple[Any, Any]:
+    """Return the index of a coordinate and its variable."""
     import pandas
     from xarray.indexes import PandasIndex
 
-    index = PandasIndex(pandas.Index(np.asarray(values)), name)
-    variable = index.create_variables()[name]
-    variable.attrs = {"units": "s", **TIMES[name]} if name in TIMES else {}
-    return index, variable
+    index = PandasIndex(pandas.Index(np.asarray(labels)), name, coord_dtype=getattr(labels, "dtype", None))
+    return index, index.create_variables()[name]
 
 
 def names_of(variables: str | Iterable[str], whose: str, hint: str = "") -> tuple[str, ...]:

@@ -227,6 +227,7 @@ def _ends(arrays: dict[str, Array]) -> Iterator[tuple[int, str]]:
 
 
 GLANCES, HALVINGS = 64, 40
+BENT, ONE_SIDED = 4, 0.7  # nodes that are looked at; part of a change that lies on one side of a jump
 LEFT = 0.4  # of the change between two of the times: what a jump leaves of it, half of it beside a sign of exactly 0
 WAYS = (
     "the load {} jumps with the state, at about t = {} s {}, so that a step there may have no solution at any length; "
@@ -266,6 +267,52 @@ def named_jump(scheme: Integrator, problem: IVP, failure: Failure | None) -> Fai
             text = WAYS.format(name, number_text(t + s, ".6g"), what, friction)
             return failure._replace(status=Status.JUMP, reason=text)
     return None
+
+
+def misses_jump(problem: IVP, outcome: Outcome, goal: float) -> bool:
+    """Whether a load jumps so near a node that no stage has seen it, by which runs are off by more than `goal`.
+
+    Between the last stage of a step and the first of the next one a jump acts as if it were at the node, on all grids
+    that have the node. Looked at are those where W bends most, with the chords of the motion on both sides.
+    """
+    if problem.load.is_dry or next(_values(problem.member(0)), None) is None:
+        return False
+    single = np.diff(problem.stored) == 1
+    nodes = 1 + np.flatnonzero(single[1:] & single[:-1])
+    bends = np.nan_to_num(abs(np.diff(outcome.states.velocity, 2, axis=1)).max(axis=2)[:, nodes - 1])
+    for i, j in zip(*np.unravel_index(np.argsort(-bends, axis=None)[:BENT], bends.shape), strict=True):
+        if bends[i, j] > 0 and any(miss > goal for miss in _missed(problem.member(int(i)), outcome, int(i), nodes[j])):
+            return True
+    return False
+
+
+def _missed(problem: IVP, outcome: Outcome, i: int, k: int) -> Iterator[float]:
+    """Yield by how much a member misses the jumps of its load about a node, of W relative to its size, or of z."""
+    from scipy.spatial.transform import Rotation
+
+    times, states = problem.stored_times, outcome.states
+    t, p, W = times[k], states.quaternion[i, k], states.velocity[i, k - 1 : k + 2]
+    z = np.zeros((3, 0)) if states.internal is None else states.internal[i, k - 1 : k + 2]
+    longest = float(min(times[k] - times[k - 1], times[k + 1] - times[k]))
+
+    def state(s: float) -> tuple[float, Array, Array, Array]:
+        a, h = (0, t - times[k - 1]) if s < 0 else (1, times[k + 1] - t)
+        rate, turned = (W[a + 1] - W[a]) / h, s * W[1] + s * s / 2 * (W[a + 1] - W[a]) / h
+        attitude = attitudes(p) @ Rotation.from_rotvec(turned).as_matrix()
+        return t + s, attitude.T, W[1] + s * rate, z[1] + s * (z[a + 1] - z[a]) / h
+
+    speed = np.sqrt(np.nanmax(np.square(states.velocity[i]).sum(axis=1)))
+    size = np.linalg.eigvalsh(problem.systems.convected_inertia[0])[0] * max(speed, 1 / (times[-1] - times[0]))
+    for term, value, unit in _values(problem):
+        parts = [value(*state(share * longest)) for share in (-0.5, 0.0, 0.5)]
+        steps = abs(np.diff(parts, axis=0)).max(axis=1)
+        if not steps.max() > ONE_SIDED * steps.sum() > 0:
+            continue
+        found = _jump(lambda s, value=value: value(*state(s - longest / 2)), longest)  # type: ignore[misc]
+        if found is not None:
+            s, x, y = found
+            scale = size if unit else term.state_scale  # type: ignore[attr-defined]
+            yield float((abs(y - x) * abs(s - longest / 2) / scale).max())
 
 
 def _values(problem: IVP) -> Iterator[tuple[Term, Value, str]]:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..analysis.trajectory import Trajectory
-from ..analysis.variables import DERIVATIVES, Described, assembled, coordinates
+from ..analysis.variables import DERIVATIVES, Described, assembled, described, labelled
 from ..geometry.arrays import Array, as_array
 from ..integrators import IVP
 from ..integrators.compiled import Compiled
@@ -106,9 +106,9 @@ def sensitivities(
     plan = plan_of(problem, begin)
     solved = Solved(plan, begin, wrt, means=plan.store == 1)
     changes = solved.changes()
-    more = dict(zip(DERIVATIVES, (changes[:, :3], changes[:, 3:]), strict=True))
-    labels, units = {"parameter": solved.parameters.labels}, _units(solved.parameters)
-    return _stored(solved, plan, begin)._dataset(more, labels, units)
+    more = described(dict(zip(DERIVATIVES, (changes[:, :3], changes[:, 3:]), strict=True)))
+    more |= _units(solved.parameters)
+    return _stored(solved, plan, begin)._dataset(more, parameter=solved.parameters.labels)
 
 
 @takes(OfStored)
@@ -181,9 +181,8 @@ def gradient(
         if given is not None:
             slopes[:, at : at + 3] = as_array(given, name, (len(slopes), 3))
     about = {"long_name": "derivative of f", "units": "per unit of the parameter"}
-    found = {"gradient": ("parameter", solved.slopes(slopes), about)}
-    axes = coordinates(["parameter"], _units(solved.parameters), parameter=solved.parameters.labels)
-    return assembled(found, axes, {})
+    found = _units(solved.parameters) | {"gradient": (("parameter",), solved.slopes(slopes), about)}
+    return assembled(labelled(found, parameter=solved.parameters.labels), {})
 
 
 class Solved:
@@ -311,4 +310,4 @@ def _stored(solved: Solved, plan: Plan, begin: Starts) -> Trajectory:
 
 
 def _units(parameters: Parameters) -> dict[str, Described]:
-    return {"parameter_unit": ("parameter", np.array(parameters.units, dtype=np.str_), {})}
+    return {"parameter_unit": (("parameter",), np.array(parameters.units, dtype=np.str_), {})}

@@ -55,7 +55,7 @@ def simulate(
     step : float, s, optional
         Must divide the span. None: the breakpoints of the load are nodes, with equal steps between neighbouring
         breakpoints. `gauss` of an order above 2 meets a tolerance of 1e-8, and stores states that are 0.05 rad apart,
-        and 0.2 rad of a swing or of the gyration that rotors and wheels cause, up to 20,000 states; with other
+        and 0.2 rad of a swing, or of the gyration that rotors and wheels cause if 20,000 states show it; with other
         integrators the body turns by at most 0.05 rad per step. The longest step is recorded, with `stretches`.
     tolerance : float, rad, optional
         Instead of `step`: the steps, and the order unless it is given, are chosen such that the error of the attitude,

@@ -74,6 +74,7 @@ ENOUGH = 1_000_000  # steps, of a run that is given up where it would need more
 LOW, LONGER = 4, 4.0  # orders whose first steps are longer than by the estimate, and how much
 DECAYS = 1e21  # of a mode in a run: behind more of them, round-off of damping is larger than the motion
 PHASE = 0.2  # rad, of a swing in a step that is shown
+BESIDE = 1.25  # refinement where a jump of the load lies at a node
 LEVEL = 0.3  # slope of what no longer falls
 UNSEEN, MANY = 0.01, 20_000  # distance of runs that miss an oscillation; steps after which that is not the reason
 
@@ -171,6 +172,9 @@ def controlled(
         d = gap if slowest == 0.0 else _distance(coarse, fine, slowest)
         slope = p if before is None else log(max(before[1], EPS**2) / max(d, EPS**2)) / log(N / before[0])
         if d <= TENTH * goal or (d <= goal and before is not None and slope >= p / 2):
+            if completion.misses_jump(fine.problem, fine.outcome, goal):
+                grid, coarse, before = _scaled(coarse.grid, BESIDE), None, None
+                continue
             if amplified and plan.tolerance is None:
                 warn(amplified)
             return fine, goal, d

@@ -105,7 +105,8 @@ def guess(word: Any, known: Iterable[str], quote: str = "") -> str:
     from difflib import get_close_matches
 
     small = {one.casefold(): one for one in known}
-    near = get_close_matches(word.casefold(), small, 1) if isinstance(word, str) else []
+    name = word.casefold() if isinstance(word, str) else ""
+    near = get_close_matches(name, small, 1) or [part for part in name.split("_") if part in small]
     return f"did you mean {quote}{small[near[0]]}{quote}? " if near else ""
 
 

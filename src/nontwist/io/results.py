@@ -32,7 +32,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..analysis.datasets import as_dataset
-from ..analysis.variables import reassembled
+from ..analysis.variables import assembled
 from ..errors import InputWarning, ResultFileError, callers_level, warn
 from ..geometry.attitudes import euler_angles
 from ..geometry.values import as_path
@@ -377,7 +377,7 @@ def _loaded(file: BinaryIO) -> xarray.Dataset:
             attributes.pop("_FillValue", None)  # which xarray adds: NaN
             variables[name] = _decoded(name, stored.dimensions, _values(stored[...]), attributes)
     named.update(record.pop("coordinates", "").split())
-    return reassembled(variables, record, named)
+    return assembled(variables, record, named)
 
 
 def _values(stored: Any) -> NDArray[Any]:

@@ -411,7 +411,12 @@ def traced(function: Any, arguments: tuple[Any, ...], shape: tuple[int, ...], na
         first = (code.co_filename, code.co_firstlineno) if code else None
         found = array_of(rebound(function)(*arguments))
         if found.shape != shape:
-            known = {(3, 3): "three rows of three numbers", (3,): "three numbers", (): "one number"}
+            known = {
+                (3, 3): "three rows of three numbers",
+                (3,): "three numbers",
+                (1,): "a list of one number",
+                (): "one number",
+            }
             rows = known.get(shape) or f"{shape[0]} numbers in a row"
             raise TraceError(f"it returns {_what(found)}; return {rows}", first)
         for x in found.ravel().tolist():
@@ -424,7 +429,7 @@ def traced(function: Any, arguments: tuple[Any, ...], shape: tuple[int, ...], na
 
 def _what(found: Any) -> str:
     if found.shape:
-        return f"{len(found)} values" if found.ndim == 1 else f"the shape {found.shape}"
+        return f"{len(found)} value{'s' * (len(found) != 1)}" if found.ndim == 1 else f"the shape {found.shape}"
     return "one value" if isinstance(found.item(), (Traced, Dual, float, int)) else f"{type(found.item()).__name__}"
 
 

@@ -487,7 +487,8 @@ def wheel(
     is_table = isinstance(torque, (tuple, list))
     is_motor = callable(torque)
     is_number = not (is_table or is_motor or torque is None)
-    if (is_table and len(torque) != 2) or (is_number and as_floats(torque, "torque").ndim > 0):
+    is_pair = is_table and len(torque) == 2 and as_floats(torque[0], "torque").ndim == 1
+    if is_table != is_pair or (is_number and as_floats(torque, "torque").ndim > 0):
         raise ValueError(f"torque must be a number, (times, values) or a function, got {short_repr(torque)}")
     if as_list(breakpoints, "breakpoints") and not is_motor:
         raise ValueError("breakpoints are times where a torque that is a function jumps; a table has its own")

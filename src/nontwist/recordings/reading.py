@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, TextIO
 
 import numpy as np
 
-from ..analysis.variables import assembled, coordinates
+from ..analysis.variables import Described, assembled, labelled
 from ..errors import InputError, InputWarning
 from ..geometry.arrays import Array, as_floats, in_order
 from ..geometry.values import short_repr
@@ -137,10 +137,10 @@ def _array(motion: Motion) -> xarray.DataArray:
     dims = (along, "quat") if is_quaternion else (along, "director", "axis")
     name, array = ("quaternion", values) if is_quaternion else ("directors", np.swapaxes(values, 1, 2))
     attrs = {"units": "1", "notes": "; ".join(motion.notes)} | ({} if start is None else {"start": start})
-    described = {"units": "1", "long_name": "line of the file, from 1"}
-    beside = {} if lines is None else {"line": (along, lines, described)}
-    times = {} if time is None else {"time": time}
-    return assembled({name: (dims, array, attrs)}, coordinates(dims, beside, **times), {})[name]
+    found: dict[str, Described] = {name: (dims, array, attrs)}
+    if lines is not None:
+        found["line"] = ((along,), lines, {"units": "1", "long_name": "line of the file, from 1"})
+    return assembled(labelled(found, **({} if time is None else {"time": time})), {})[name]
 
 
 @dataclass(frozen=True)

@@ -40,7 +40,7 @@ from numpy.typing import ArrayLike
 
 from ..analysis.datasets import RUN, as_dataset
 from ..analysis.trajectory import FORMAT_VERSION
-from ..analysis.variables import assembled, coordinates
+from ..analysis.variables import assembled, labelled
 from ..geometry.arrays import EPS, Array, arcs, as_array, as_floats, principal_angle
 from ..geometry.frame_kernels import transport
 from ..geometry.frames import estimates, rolls, triad_about
@@ -229,7 +229,7 @@ def twist(
         name: (dims[: array.ndim], array, {"units": unit, "long_name": words, "symbol": symbol})
         for name, (array, unit, words, symbol) in variables.items()
     }
-    found = assembled(described, coordinates(dims, time=time), record)
+    found = assembled(labelled(described, time=time), record)
     if data.time is None:
         found["time"].attrs = {"units": "1", "long_name": "row, from 0"}
     return found

@@ -254,7 +254,7 @@ def accepted(form: Any, spec: Spec) -> str:
         *first, last = map('"{}"'.format, get_args(form))
         return spec.text or f"{', '.join(first)} or {last}"
     if spec.rule.startswith("direction"):
-        return AN_AXIS + spec.text
+        return (AN_AXIS + spec.text).removesuffix(": ")
     number = "a positive number" if spec.rule == "positive" else "a number"
     words = "2 or more increasing numbers" if spec.rule == "increasing" else "numbers" if spec.shape else number
     for n in reversed(spec.shape):

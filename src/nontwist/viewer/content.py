@@ -7,7 +7,7 @@ about its third director by the twist angle ψ, so that quaternions and ψ deter
 
 A box of mass m with the sides a_i has the Euler inertia E_i = m a_i²/12 (eq-euler-inertia): its sides are as √E_i, and
 eigenvectors of E are its edges. The mass scales the box only; here its half diagonal is given. Of a body that weighs
-the box is at the centre of mass where the run records it (`weights`).
+the box is at the centre of mass where the run records it (`weight_of`).
 
 The curves of the page: what is shown of a run over time, in which order, and with which units.
 
@@ -22,7 +22,7 @@ import json
 import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -176,12 +176,12 @@ def content(run: Any) -> dict[str, Any]:
     triad, twisted = triad_about(n), twist_of_run(run, n)
     run = run.sel(time=twisted["time"])  # of states closer in time than round-off, the first
     attitudes = triad @ run["directors"].transpose("time", "director", "axis").values
-    weight = weight_of(system, run.attrs)
+    box, weighing = box_of(system, run.attrs, triad)
     about = {
         "Body": body_in_words(system),
         "Load": "; ".join(loads_in_words(parts_of(run))),
         "Integrator": integrator_in_words(run.attrs),
-        "Box": box_in_words(weight),
+        "Box": box,
     }
     data = _motion(run, twisted, attitudes, n, about)
     times, events = _shown(run["time"].values), run["t_events"].values if "t_events" in run.variables else np.empty(0)
@@ -195,7 +195,7 @@ def content(run: Any) -> dict[str, Any]:
         "watch": to_watch(system, len(wheels)),
         "rotors": wheels,
         "events": events[(events >= first) & (events <= last)].tolist(),
-        **_box(system, weight, triad),
+        **weighing,
     }
 
 
@@ -289,14 +289,6 @@ def _checked(run: xarray.Dataset) -> tuple[xarray.Dataset, DirectorSystem]:
     return run, DirectorSystem.from_json(run.attrs["system"])
 
 
-def _box(system: DirectorSystem, weight: Weight | None, triad: Array) -> dict[str, Any]:
-    """Return the box and what weighs on it, in components of the triad, gravity in those of space."""
-    box = box_of(system.euler_inertia) if weight is None else weight.box(system)
-    box = {key: (value if key == "half" else value @ triad.T).tolist() for key, value in box.items()}
-    centre = box.pop("centre_of_mass", None)
-    return {"box": box, "weight": weight and {"down": weight.down.tolist(), "centre_of_mass": centre}}
-
-
 def _states_in_words(count: int, stored: int, turn: float, is_run: bool) -> str:
     words = f"all {stored} shown" if count == stored else f"{count} of {stored} shown, evenly; curves keep every peak"
     if turn > FAR:
@@ -329,45 +321,39 @@ SAME = 1e-9
 FACTORS, GRAVITY = ("mass", "centre_of_mass", "gravity"), (0.0, 0.0, -9.81)
 
 
-class Weight(NamedTuple):
-    """The direction of gravity in space, and that of the centre of mass in the body, or √m ρ where it `is_known`."""
+def box_of(system: DirectorSystem, attrs: Mapping[str, Any], triad: Array) -> tuple[str, dict[str, Any]]:
+    """Return what the box of a run is, in words, and the data of the box and of what weighs on it.
 
-    down: Array
-    centre: Array
-    is_known: bool = False
-
-    def box(self, system: DirectorSystem) -> dict[str, Array]:
-        """Return the box of this body, and the centre of mass, in components of the body."""
-        if not self.is_known:
-            return box_of(system.euler_inertia) | {"centre_of_mass": TOWARDS * self.centre}
-        E, edges = np.linalg.eigh(system.euler_inertia - np.outer(self.centre, self.centre))
-        half, centre = np.sqrt(3 * np.maximum(E, 0.0)), self.centre
-        signs = np.array(np.meshgrid(*[(-1, 1)] * 3)).reshape(3, -1).T
+    They are in components of the triad, gravity in those of space.
+    """
+    down, centre, is_known = weight_of(system, attrs)
+    inertia = system.euler_inertia - np.outer(centre, centre) if is_known else system.euler_inertia
+    E, edges = np.linalg.eigh(inertia)
+    E = np.maximum(E, 0.0)
+    if is_known:
+        words = "the inertia about the centre of mass, to which the line leads from the pivot"
+        half, signs = np.sqrt(3 * E), np.array(np.meshgrid(*[(-1, 1)] * 3)).reshape(3, -1).T
         scale = REACH / np.linalg.norm(centre + signs * half @ edges.T, axis=1).max()
-        return {
-            "half": np.maximum(scale * half, THINNEST),
-            "edges": edges.T,
-            "centre": scale * centre,
-            "centre_of_mass": scale * centre,
-        }
+        half, middle, end = scale * half, scale * centre, scale * centre
+    else:
+        words = "the inertia about the pivot; the line points to the centre of mass, at a distance that is not recorded"
+        half, middle, end = HALF_DIAGONAL * np.sqrt(E / np.trace(inertia)), np.zeros(3), TOWARDS * centre
+    turned = {"edges": edges.T @ triad.T, "centre": middle @ triad.T}
+    box = {key: value.tolist() for key, value in ({"half": np.maximum(half, THINNEST)} | turned).items()}
+    if down is None:
+        return "the inertia of the body", {"box": box, "weight": None}
+    return words, {"box": box, "weight": {"down": down.tolist(), "centre_of_mass": (end @ triad.T).tolist()}}
 
 
-def box_of(euler_inertia: Array) -> dict[str, Array]:
-    """Return half sides, edges as rows, and the middle of the box with an Euler inertia about it."""
-    E, edges = np.linalg.eigh(euler_inertia)
-    half = HALF_DIAGONAL * np.sqrt(np.maximum(E, 0.0) / np.trace(euler_inertia))
-    return {"half": np.maximum(half, THINNEST), "edges": edges.T, "centre": np.zeros(3)}
+def weight_of(system: DirectorSystem, attrs: Mapping[str, Any]) -> tuple[Array | None, Array, bool]:
+    """Return the direction of gravity in space, that of the centre of mass in the body, and whether this is √m ρ.
 
-
-def weight_of(system: DirectorSystem, attrs: Mapping[str, Any]) -> Weight | None:
-    """Return what weighs on a body whose dead forces have one direction in space; None for others.
-
-    The attributes of the run, or its run file alone, decide the sign of gravity; without them it points towards -z, or
-    else towards -y, -x.
+    Without mass and centre of mass, in the attributes of the run or else in its run file, gravity points towards -z, or
+    else towards -y, -x. It is None where dead forces have more than one direction in space, or there are none.
     """
     left, size, right = np.linalg.svd(system.dead_force)
     if size[1] > SAME * size[0] or size[0] == 0:
-        return None
+        return None, np.zeros(3), False
     body: dict[str, Any] = tomllib.loads(attrs.get("run_file", "")).get("body", {})
     body |= {key: attrs[key] for key in FACTORS if key in attrs}
     if {"mass", "centre_of_mass"} <= body.keys():
@@ -375,10 +361,10 @@ def weight_of(system: DirectorSystem, attrs: Mapping[str, Any]) -> Weight | None
         rho = as_array(body["centre_of_mass"], "centre_of_mass", (3,))
         gravity = as_array(body.get("gravity", GRAVITY), "gravity", (3,))
         if abs(mass * np.outer(rho, gravity) - system.dead_force).max() <= SAME * size[0]:
-            return Weight(gravity / np.linalg.norm(gravity), np.sqrt(mass) * rho, True)
+            return gravity / np.linalg.norm(gravity), np.sqrt(mass) * rho, True
     first = next(x for x in right[0][::-1] if abs(x) > SAME)
     sign = -1.0 if first > 0 else 1.0
-    return Weight(sign * right[0], sign * left[:, 0])
+    return sign * right[0], sign * left[:, 0], False
 
 
 # Descriptions of the body and the integrator of a run, from its attributes.
@@ -398,15 +384,6 @@ def body_in_words(system: DirectorSystem) -> str:
             turning = f"prescribed spin about {axis}: {rate}"
         words = f"{turning}; {words}"
     return words + ("; gravity" if system.dead_force.any() else "")
-
-
-def box_in_words(weight: Weight | None) -> str:
-    """Return what the box of a run is, and where it is."""
-    if weight is None:
-        return "the inertia of the body"
-    if not weight.is_known:
-        return "the inertia about the pivot; the line points to the centre of mass, at a distance that is not recorded"
-    return "the inertia about the centre of mass, to which the line leads from the pivot"
 
 
 def to_watch(system: DirectorSystem | None, rotors: int = 0) -> str:

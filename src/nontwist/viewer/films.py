@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..errors import warn
-from ..geometry.arrays import Array, as_array
+from ..geometry.arrays import as_array
 from ..io.whole import written
 from .content import contents
 from .drawing import WIDTH, Look, Motion, colours, still
@@ -34,16 +34,7 @@ NO_FFMPEG = "an MP4 film needs ffmpeg, which is not on the path; install it, or 
 
 
 def save_still(
-    runs: list[Any],
-    path: str | os.PathLike[str],
-    time: float | None = None,
-    *,
-    width: int | None = None,
-    labels: str | Sequence[str] | None = None,
-    title: str | None = None,
-    camera: tuple[float, float] | None = None,
-    dark: bool = False,
-    force: bool = False,
+    runs: list[Any], path: str | os.PathLike[str], time: float | None = None, *, force: bool = False, **look: Any
 ) -> None:
     """Write the picture of a moment, by default the end, as PNG.
 
@@ -54,19 +45,10 @@ def save_still(
     path : path
     time : float, optional
         s.
-    width : int, optional
-        Pixels of the picture; by default 960 for each run.
-    labels : str or two strings, optional
-        As those of `view`; by default one run has the title.
-    title : str, optional
-        By default that of the run file, if there is one run. Several runs, and one with a label, have it above them.
-    camera : (azimuth, elevation), optional
-        Degrees: the azimuth from x towards y, the elevation towards z. By default from the side where the paths are,
-        and under gravity from above the horizon.
-    dark : bool
-        Take the colours of the dark page.
     force : bool
         Replace a file of this name.
+    **look
+        As `Pictures` takes it; by default 960 pixels for each run.
 
     Raises
     ------
@@ -75,13 +57,12 @@ def save_still(
     OSError
         The file exists or cannot be written.
     """
-    motions, look = _motions(runs, labels, title), _look(runs, labels, title, camera, dark)
-    dots = _dots(motions, width, ".png")
-    first, last = _span(motions)
+    pictures = Pictures(runs, ".png", **look)
+    first, last = pictures.span
     if time is not None and not first <= time <= last:
         raise ValueError(f"the picture is asked for at {time:g} s; the run is from {first:g} to {last:g} s")
     with written(path, force=force) as file:
-        _picture(motions, last if time is None else time, dots, look).save(file, "PNG")
+        pictures.at(last if time is None else time).save(file, "PNG")
 
 
 def save_film(
@@ -90,12 +71,8 @@ def save_film(
     *,
     seconds: float | None = None,
     rate: float | None = None,
-    width: int | None = None,
-    labels: str | Sequence[str] | None = None,
-    title: str | None = None,
-    camera: tuple[float, float] | None = None,
-    dark: bool = False,
     force: bool = False,
+    **look: Any,
 ) -> None:
     """Write a film, GIF or MP4 by the suffix of the file.
 
@@ -108,19 +85,10 @@ def save_film(
         Length of the film, s, 8 by default; at its end it stands still for another 1.5 s.
     rate : float, optional
         Pictures per second, at most 50; by default 12.5 for GIF and 25 for MP4.
-    width : int, optional
-        Pixels of the film; by default 480 for each run of a GIF, 720 of an MP4.
-    labels : str or two strings, optional
-        As those of `view`; by default one run has the title.
-    title : str, optional
-        By default that of the run file, if there is one run. Several runs, and one with a label, have it above them.
-    camera : (azimuth, elevation), optional
-        Degrees: the azimuth from x towards y, the elevation towards z. By default from the side where the paths are,
-        and under gravity from above the horizon.
-    dark : bool
-        Use the colours of the dark page.
     force : bool
         Overwrite an existing file.
+    **look
+        As `Pictures` takes it; by default 480 pixels for each run of a GIF, 720 of an MP4.
 
     Raises
     ------
@@ -142,65 +110,79 @@ def save_film(
         )
     if not 0 < seconds < math.inf:
         raise ValueError(f"the length of a film must be positive, got {seconds:g} s")
-    motions, look = _motions(runs, labels, title), _look(runs, labels, title, camera, dark)
-    dots = _dots(motions, width, kind)
+    pictures = Pictures(runs, kind, **look)
     rate = 100 / round(100 / rate) if kind == ".gif" else rate  # GIF counts in hundredths of seconds
-    times = np.linspace(*_span(motions), 1 + max(1, round(seconds * rate)))
-    _tell_leaps(motions, times, seconds, rate)
-    with written(path, force=force) as file:
-        pictures = (_picture(motions, time, dots, look) for time in times)
-        ground = colours(dark)["card"]
-        file.write(_gif(pictures, len(times), rate, ground) if kind == ".gif" else _mp4(pictures, rate))
-
-
-def _motions(runs: list[Any], labels: str | Sequence[str] | None, title: str | None = None) -> list[Motion]:
-    found = contents(runs, labels)
-    if len(found) == 1 and labels is None:
-        found[0]["name"] = title or found[0]["title"] or found[0]["name"]
-    return [Motion(data) for data in found]
-
-
-def _look(runs: list[Any], labels: Any, title: str | None, camera: tuple[float, float] | None, dark: bool) -> Look:
-    above = "" if title is None or (len(runs) == 1 and labels is None) else title  # one run has it as its name
-    if camera is not None:
-        azimuth, elevation = as_array(camera, "camera", (2,))
-        if abs(elevation) > 90:
-            raise ValueError(f"the elevation of the camera must be from -90 to 90 degrees, got {elevation:g}")
-        camera = math.radians(azimuth), math.radians(elevation)
-    return Look(dark, camera, above)
-
-
-def _tell_leaps(motions: list[Motion], times: Array, seconds: float, rate: float) -> None:
-    """Warn where a body turns so far from picture to picture that it seems to turn otherwise, or not at all."""
-    turn = max(motion.data["turned"] / (len(times) - 1) for motion in motions)
-    if turn > LEAP:
+    times = np.linspace(*pictures.span, 1 + max(1, round(seconds * rate)))
+    turn = max(motion.data["turned"] / (len(times) - 1) for motion in pictures.motions)
+    if turn > LEAP:  # it seems to turn otherwise, or not at all
         enough = max(seconds, math.ceil(seconds * rate * turn / LEAP / FASTEST))
         warn(
             f"the body turns by {math.degrees(turn):.0f}° from picture to picture, on average, so it may seem to turn "
             f"backwards or to stand; use --seconds {enough:g} --fps {FASTEST:g}, or a part of the run: "
             "--from T0 --to T1, in Python run.sel(time=slice(t0, t1))"
         )
+    with written(path, force=force) as file:
+        shots = map(pictures.at, times)
+        ground = colours(pictures.look.dark)["card"]
+        file.write(_gif(shots, len(times), rate, ground) if kind == ".gif" else _mp4(shots, rate))
 
 
-def _dots(motions: list[Motion], width: int | None, kind: str) -> float:
-    """Return the dots per inch that give a picture of this width in pixels."""
-    if width is not None and not WIDE[0] <= width <= WIDE[1]:
-        raise ValueError(f"the width must be {WIDE[0]} to {WIDE[1]} pixels, got {width}")
-    pixels = WIDTHS[kind] * len(motions) if width is None else width
-    return (pixels + 0.5) / (WIDTH * len(motions))  # Matplotlib rounds down
+class Pictures:
+    """Pictures of runs, at any time.
 
+    Parameters
+    ----------
+    runs : list of runs or motions
+    kind : ".gif", ".mp4" or ".png"
+        Of the file for which they are.
+    width : int, optional
+        Pixels of a picture; by default as many for each run as fit the kind of file.
+    labels : str or two strings, optional
+        As those of `view`; by default one run has the title.
+    title : str, optional
+        By default that of the run file, if there is one run. Several runs, and one with a label, have it above them.
+    camera : (azimuth, elevation), optional
+        Degrees: the azimuth from x towards y, the elevation towards z. By default from the side where the paths are,
+        and under gravity from above the horizon.
+    dark : bool
+        Take the colours of the dark page.
+    """
 
-def _span(motions: list[Motion]) -> tuple[float, float]:
-    return min(float(motion.time[0]) for motion in motions), max(float(motion.time[-1]) for motion in motions)
+    def __init__(
+        self,
+        runs: list[Any],
+        kind: str,
+        *,
+        width: int | None = None,
+        labels: str | Sequence[str] | None = None,
+        title: str | None = None,
+        camera: tuple[float, float] | None = None,
+        dark: bool = False,
+    ) -> None:
+        found = contents(runs, labels)
+        if len(found) == 1 and labels is None:
+            found[0]["name"], title = title or found[0]["title"] or found[0]["name"], None
+        self.motions = [Motion(data) for data in found]
+        if camera is not None:
+            azimuth, elevation = as_array(camera, "camera", (2,))
+            if abs(elevation) > 90:
+                raise ValueError(f"the elevation of the camera must be from -90 to 90 degrees, got {elevation:g}")
+            camera = math.radians(azimuth), math.radians(elevation)
+        if width is not None and not WIDE[0] <= width <= WIDE[1]:
+            raise ValueError(f"the width must be {WIDE[0]} to {WIDE[1]} pixels, got {width}")
+        pixels = WIDTHS[kind] * len(found) if width is None else width
+        self.look, self.dots = Look(dark, camera, title or ""), (pixels + 0.5) / (WIDTH * len(found))  # rounded down
+        times = [float(motion.time[k]) for motion in self.motions for k in (0, -1)]
+        self.span = min(times), max(times)
 
+    def at(self, time: float) -> Image:
+        """Return the picture of a moment."""
+        from PIL import Image
 
-def _picture(motions: list[Motion], time: float, resolution: float, look: Look) -> Image:
-    from PIL import Image
-
-    buffer, figure = BytesIO(), still(motions, time, resolution, look)
-    size = int(figure.bbox.width), int(figure.bbox.height)
-    figure.savefig(buffer, format="rgba", dpi=resolution)
-    return Image.frombytes("RGBA", size, buffer.getvalue()).convert("RGB")
+        buffer, figure = BytesIO(), still(self.motions, time, self.dots, self.look)
+        size = int(figure.bbox.width), int(figure.bbox.height)
+        figure.savefig(buffer, format="rgba", dpi=self.dots)
+        return Image.frombytes("RGBA", size, buffer.getvalue()).convert("RGB")
 
 
 def _gif(pictures: Iterator[Image], count: int, rate: float, ground: str) -> bytes:

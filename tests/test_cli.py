@@ -229,6 +229,7 @@ ENDS = {
         check rest.toml --set 'start.run="rest.toml"'
         check rest.toml --set 'start.angular_velocity.body=[0, 1, 0]'
         check rest.toml --set 'sweep={{over=[{{key="body.inertia.0", kind="list", values=[3, 4]}}]}}'
+        check run.toml --set 'sweep={{over=[{{key="body.inertia.0", kind="list", values=[9, 8]}}]}}'
     """,
     5: """
         twist nothing.csv

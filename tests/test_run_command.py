@@ -268,7 +268,7 @@ def test_a_run_file_resumes_a_run_bit_for_bit(here):
     here(BODY + START + TIME + MIDPOINT)
     here(REST, "rest.toml")
     ended(0, "run", "run.toml")
-    ended(0, "run", "rest.toml")
+    ended(0, "run", "rest.toml", "--set", 'sweep.over=[{key="body.inertia.0", kind="list", values=[3]}]')
     assert "expected 2: PASS" in ended(0, "precision", "rest.toml").stdout
     ended(0, "run", "run.toml", "--set", "time.t_end=2.0", "--out", "whole.nc")
     joined, whole = join_runs(open_run("run.nc"), open_run("rest.nc")), open_run("whole.nc")

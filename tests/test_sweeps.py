@@ -447,11 +447,12 @@ def test_several_errors_at_once(write):
         (misspelt + a_list("body.axis.1", []), ["sweep.over.1.values", "sweep.over.0.key"]),
         (spelt, ["body.kind", "sweep.over.0.count", "time.step"]),
         (kept, ["sweep.variables.0", "time.step"]),
-        (HELD + event + event, ["event"]),
         (FREE, ["sweep.reduce"], reduced, 'integrator={name="exact"}'),
         (FREE, ["sweep.reduce"], reduced, orbit),
     ):
         assert [told.partition(": ")[0] for told in problems_of(write(text), *changes)] == keys
+    with pytest.raises(RunFileError, match=r"\[sweep\]: event: 2 tables -> left out"):
+        Members(read_run_file(write(HELD + event + event)))
     with pytest.raises(RunFileError, match=r"time\.step: missing -> a step, s, which all members take; ") as caught:
         read_run_file(write(stepless))
     step, order = re.search(r"take; (\S+) with integrator\.order = (\d+) suits the file", str(caught.value)).groups()
@@ -543,10 +544,9 @@ def test_the_figure_that_is_proposed_says_something(write):
 
 @pytest.mark.usefixtures("here")
 def test_what_is_proposed_varies_and_bars_mark_a_length(write):
-    matrices = [np.diag([3.0, 4.0, last]).tolist() for last in (5, 6)]
-    over = f'[sweep]\ncombine = "together"\nvariables = ["wheel_speed"]\n{a_list("body.inertia", matrices)}'
-    wheel = 'load = [{ kind = "wheel", axis = [0, 0, 1], inertia = 0.1, speed = -100 }]\n'
-    text = f"{FREE[: FREE.index('[sweep]')]}{wheel}{over}"
+    matrices = a_list("body.inertia", [np.diag([3.0, 4.0, last]).tolist() for last in (5, 6)])
+    load = 'load = [{ kind = "wheel", axis = "z", inertia = 0.1, speed = -100 }]\n[sweep]\ncombine = "together"\n'
+    text = FREE.partition("[sweep]")[0] + load + 'variables = ["wheel_speed"]\n' + matrices
     sweep(write(text + a_list("start.angular_velocity.body", [[0, 0, 1], [0, 0, 2]])), "w.zarr", workers=1)
     line = "sweep-show w.zarr --plot body.inertia.2.2 start.angular_velocity.body.2 wheel_speed"
     assert nontwist("sweep-show", "w.zarr").stderr == f"next: nontwist {line}\n"

@@ -46,17 +46,22 @@ def check_command(files: RunFiles, overrides: Overrides = None, *, answer: Quiet
     Warns where the step is coarse. Exits with status 3 if a file is invalid.
     """
     from ..runfile.document import forecast
+    from ..sweeps.members import Members
 
     wrong = False
     for path in files:
+        member = ""
         try:
             run_file = read_one(path, overrides)
+            if run_file.sweep is not None:
+                Members(run_file).try_ends()
             expected = forecast(run_file)
             problems = list(expected.problems)
         except RunFileError as error:
             problems, expected = list(error.problems), None
+            member = "" if error.file == str(path) else f"{error.file}: "
         for problem in problems:
-            say(f"{path}: {problem}", "red")
+            say(f"{path}: {member}{problem}", "red")
         for warning in expected.warnings if expected is not None else ():
             say(f"{path}: warning: {warning}", "yellow")
         told = [problem._asdict() for problem in problems]

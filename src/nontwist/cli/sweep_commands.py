@@ -25,7 +25,6 @@ if TYPE_CHECKING:
 # What the commands on sweeps print.
 
 SHOWN = 10  # kinds of failure
-TRIED = 100  # members that show what varies
 NUMBER = re.compile(r"-?\d+(\.\d+)?(e[+-]?\d+)?")
 
 
@@ -78,16 +77,14 @@ def sweep_facts(store: Path) -> dict[str, Any]:
         "seed": sweep.seed,
         "variables": {str(name): _variable(one) for name, one in data.data_vars.items() if name not in hidden},
         "failures": _kinds(reasons),
-        "drawn": [_varying(*one) for one in spread(sweep, TRIED).items()],
+        "drawn": [_varying(*one) for one in spread(sweep, 100).items()],
     }
 
 
 def _varying(key: str, values: Any) -> str:
     """Return a key, or its first component that differs among members."""
-    import numpy as np
-
-    ranges = np.ptp(values, axis=0)
-    return ".".join([key, *map(str, np.unravel_index(np.argmax(ranges > 0), ranges.shape))])
+    differs = (values != values[0]).nonzero()
+    return ".".join([key, *(str(k[0] if len(k) else 0) for k in differs[1:])])
 
 
 def _variable(values: Any) -> dict[str, Any]:
@@ -256,14 +253,13 @@ def show_command(
 
 
 def _rerun(store: Path, member: int, out: Path, force: bool) -> None:
-    from ..sweeps.reading import member_file
     from ..sweeps.store import open_store
 
     require_suffix(out, ".nc", ".toml")
     require_free(out, force=force)
     command = "run" if out.suffix.lower() == ".toml" else "view"
     if command == "run":
-        text = member_file(open_store(store), member).text(sweep=False)
+        text = open_store(store).members.member(member).text(sweep=False)
         with written(out, force=force) as file:
             file.write(text.encode())
     else:

@@ -419,8 +419,7 @@ def spun(one: Rates, spin: Any, speed_unit: str | None = None) -> Rates:
     if one.speed is None:
         if isinstance(spin, str):
             raise ValueError(f"{one.name} has no columns; give the speed of the rotor as a number, rad/s")
-        speed = as_number(spin, "rotor: speed") * speed_factor(speed_unit)
-        return replace(one, speed=np.full(len(one.time), speed))
+        return replace(one, speed=np.full(len(one.time), as_number(spin, "rotor: speed") * speed_factor(speed_unit)))
     if not np.isfinite(one.speed).any():
         raise ValueError(f"{one.name}: no reading of the speed of the rotor is a number")
     return one

@@ -7,9 +7,7 @@ them. Names of bodies in further lines join them too: OptiTrack Motive has lines
 Separators are commas, semicolons, tabs or blanks; the decimal mark may be a comma. Encodings are UTF-8, UTF-16 with its
 mark, or else Windows-1252.
 
-The segments of a CCSDS AEM are joined where they are of one kind.
-
-Logs of raw counts of Gyroflow (.gcsv) have their factors above the headers.
+Logs of raw counts of Gyroflow (.gcsv) have their factors above the headers. Segments of a CCSDS AEM are joined.
 """
 
 from __future__ import annotations
@@ -48,8 +46,9 @@ MISSING = {"NA", "N/A", "#N/A", "<NA>", "NULL", "null", "None"}  # as R and othe
 _RECORD = re.compile(r"\$?[A-Z]\w*(,|$)")
 _FACTOR = re.compile(r"(?i)\b(lsb|scale|sensitivity|factor|ATTITUDE_DIR|REF_FRAME_[AB])")
 # Lines of a CCSDS AEM: about a segment, which the next may state otherwise, and of the place of the scalar.
-_OF_SEGMENT = re.compile(r"\s*(?:(?:META|DATA)_(?:START|STOP)\s*$|([A-Z_]+)\s*=\s*(.*?)\s*$)")
-_FREE = re.compile(r"\w+_TIME|INTERPOLATION_\w+")
+_OF_SEGMENT = re.compile(
+    r"\s*(?:((?!\w+_TIME\b|INTERPOLATION)[A-Z_]+)\s*=\s*(.*?)\s*$|[A-Z_]+\s*=|(?:META|DATA)_(?:START|STOP)\s*$)"
+)
 _SCALAR = re.compile(r"\s*(?:QUATERNION_TYPE\s*=\s*(FIRST|LAST)|CCSDS_AEM_VERS\s*=\s*2)")
 
 
@@ -239,8 +238,8 @@ def _rows(content: bytes, separator: str | None, first: int, names: list[str]) -
     segment = dict(one.groups() for one in map(_OF_SEGMENT.match, islice(opened(content), first)) if one)
     for k, line in islice(enumerate(opened(content), 1), first, None):
         found = _OF_SEGMENT.match(line) if segment else None
-        if found and not _FREE.fullmatch(key := found[1] or "") and segment.get(key) != found[2]:
-            raise InputError("segments", place=f"line {k}", key=key, now=found[2], was=segment.get(key))
+        if found and segment.get(found[1]) != found[2]:
+            raise InputError("segments", place=f"line {k}", key=found[1], now=found[2], was=segment.get(found[1]))
         if found or _is_comment(line):
             comments.append(k)
         elif line.strip(blank):

@@ -72,10 +72,6 @@ def posed(file: Any, faults: Faults) -> tuple[Problem, Prepared] | None:
             events.append(one.event())
     if file.sweep is not None:
         table_problems(file.sweep, faults)
-        if file.start is not None and file.start.run is not None:
-            faults.append(Fault("start.run", shown(file.start.run), "left out: members of a sweep start from numbers"))
-        if events:
-            faults.append(Fault("event", f"{len(events)} tables", "left out: a sweep looks for no events"))
     reason: Fault | None = None
     if system is not None and len(faults) == before and None not in (file.start, time, file.integrator):
         problem = problem_with(system, given | {"load": load} | ({"events": events} if events else {}), file)

@@ -44,7 +44,7 @@ from ..models.system import DirectorSystem
 from ..runfile import RunFile
 from ..runfile.body import Body
 from ..runfile.document import checked, with_loads
-from ..runfile.files import Folder
+from ..runfile.files import Fault, Folder, shown
 from ..runfile.loads import AnyLoad, Place
 from ..runfile.section import in_toml, problems_of
 from ..runfile.sweep_table import Drawn, Sweep
@@ -254,7 +254,7 @@ class Members:
     Parameters
     ----------
     file : RunFile
-        A ValueError where it has no table [sweep].
+        A ValueError where it has no table [sweep], or what no member can have.
     """
 
     def __init__(self, file: RunFile) -> None:
@@ -262,6 +262,13 @@ class Members:
             raise ValueError(
                 "the file has no table [sweep]: nontwist run runs it, nontwist example sweep copies one that has"
             )
+        start, events = file.start.run, len(file.event)
+        faults = [Fault("start.run", shown(start), "left out: members of a sweep start from numbers")] * (
+            start is not None
+        )
+        faults += [Fault("event", f"{events} tables", "left out: a sweep looks for no events")] * (events > 0)
+        if faults:
+            raise RunFileError("[sweep]", tuple(faults))
         self.file, self.text, self.folder = file, file.text(), file._folder
         self.sweep: Sweep = file.sweep
         self.data = self.file.model_dump(exclude_none=True, exclude={"sweep"})
@@ -400,14 +407,21 @@ class Members:
         made = [form.model_validate(with_values(data, part(keys, i))) for i in range(m)]
         return Rotation.concatenate([one.rotation() for one in made])
 
-    def data_of(self, values: Values) -> dict[str, Any]:
-        """Return the file of one member, whose numbers have a member axis of length 1, as plain data."""
-        numbers = part(values, 0)
+    def member(self, i: int) -> RunFile:
+        """Return the run file of one member, its numbers inserted; a RunFileError where they define no run."""
+        numbers = part(values(self.sweep, i, i + 1), 0)
         rotation = numbers.pop("start.rotation", None)
         data: dict[str, Any] = with_values(self.data, numbers)
         if rotation is not None:
             data["start"]["rotation"] = {"quaternion": rotation.tolist(), "order": "xyzw"}
-        return data
+        return checked(f"member {i}", data, self.folder)
+
+    def try_ends(self) -> None:
+        """Raise the RunFileError of member 0 where the last one is refused as well."""
+        try:
+            self.member(len(self) - 1)
+        except RunFileError:
+            self.member(0)
 
 
 def signs(quaternion: Array) -> Array:

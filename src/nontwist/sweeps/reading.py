@@ -17,8 +17,7 @@ from ..geometry.values import as_whole
 from ..integrators import SimulationError
 from ..plot.journals import column_width, new_axes, style
 from ..plot.looks import symbol, unit
-from ..runfile import RunFile
-from ..runfile.document import checked, unit_of
+from ..runfile.document import unit_of
 from ..runfile.sweep_table import Sweep
 from .members import signs, values
 from .store import Blocks, SweepStore, open_store
@@ -177,7 +176,7 @@ def sweep_member(store: str | os.PathLike[str], member: int) -> xarray.Dataset:
     """
     kept = open_store(store)
     number = as_whole(member, "member", 0, len(kept.members) - 1)
-    file = member_file(kept, number)
+    file = kept.members.member(number)
     try:
         run = simulate(file.problem)
     except SimulationError as error:
@@ -185,12 +184,6 @@ def sweep_member(store: str | os.PathLike[str], member: int) -> xarray.Dataset:
     run["quaternion"] *= signs(run["quaternion"].values[-1])  # all of one sign, so that the last is that of the store
     own = {**file.record(), "title": f"member {number} of {kept.attributes['title']}"}
     return run.assign_attrs(own, member=number)
-
-
-def member_file(kept: SweepStore, member: int) -> RunFile:
-    """Return the run file of one member, its numbers inserted; a ValueError where they define no run."""
-    numbers = values(kept.members.sweep, member, member + 1)
-    return checked(f"member {member}", kept.members.data_of(numbers), kept.members.folder)
 
 
 # A figure of one quantity over one or two swept keys.

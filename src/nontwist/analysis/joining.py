@@ -75,7 +75,9 @@ def join_runs(*runs: xarray.Dataset) -> xarray.Dataset:
         moving = next((dim for dim in ("time", "midtime", "event") if dim in dims), None)
         arrays = [part[name].transpose(*dims).values for part in parts]
         if name == "internal_state":
-            arrays = [carried_on(z, had, wheels[-1]) for z, had in zip(arrays, wheels, strict=True)]
+            arrays = [
+                carried_on(z, had, [one.size for one in wheels[-1]]) for z, had in zip(arrays, wheels, strict=True)
+            ]
         array = arrays[0] if moving is None else np.concatenate(arrays, axis=dims.index(moving))
         found[name] = (dims, without_jumps(array) if name == "quaternion" else array, runs[0][name].attrs)
     along = dict[str, Any]()

@@ -36,9 +36,7 @@ OWN = {  # those that every run has: labels, unit
     "duration": (("",), "s"),
 }
 # Of these the momentum of a wheel, to which steps of many nodes are not linear, has no derivatives under a table.
-NOT_OF_TABLES = {"wheel": "the axis of", "duration": "the duration with"} | dict.fromkeys(
-    ("scale", "load_scale"), "the factor of"
-)
+NOT_OF_TABLES = {"scale": "the factor of", "wheel": "the axis of", "duration": "the duration with"}
 EVERY = ("material_angular_velocity", "rotation")
 
 
@@ -124,8 +122,8 @@ class Parameters:
         """Return why runs have no derivatives by a parameter; "" where they have."""
         wheels = self.problem.load.wheels
         if self.problem.load.memories:
-            is_none = not self._is_of_memory(one)
-            return f"runs with memory have derivatives by {NAMES}; {one.name} is none of them" * is_none
+            said = f"runs with memory have derivatives by {NAMES}; {one.name} is none of them"
+            return "" if self._is_of_memory(one) else said
         if self._dissipates and (len(self.inertias_of(one)) if wheels else one.name == "inertia"):
             what = "inertias beside wheels" if wheels else "the entries of the inertia"
             return (
@@ -134,7 +132,8 @@ class Parameters:
             )
         if one.name in ("axis", "spin") and self._axis is not None and wheels:
             return f"runs with wheels have no derivatives by {one.name}, which their momenta begin with"
-        terms, what = self.terms if one.term is None else (self.terms[one.term],), NOT_OF_TABLES.get(one.field, "")
+        terms = self.terms if one.term is None else (self.terms[one.term],)
+        what = NOT_OF_TABLES.get(one.field.removeprefix("load_"), "")
         if what and any(isinstance(term, Wheel) and term.times.size for term in terms):
             return f"runs have no derivatives by {what} a wheel whose torque is a table"
         return ""

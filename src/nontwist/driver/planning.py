@@ -275,10 +275,9 @@ def internal_states(systems: SystemStack, load: Load, begin: Starts, time: float
         return None
     if begin.internal is None:
         return first_states(systems, load, time, begin.velocity, begin.load_scale)
-    had, own = begin.wheels, load.wheels
+    had, own, size = begin.wheels, [wheel.count for wheel in load.wheels], load.internal_state.size
     z = carried_on(begin.internal, had, own)
-    wheels, states = ("wheels", len(had or own), len(own)), ("internal states", z.shape[1], load.internal_state.size)
-    for what, found, count in (wheels, states):
+    for what, found, count in (("wheels", len(had or own), len(own)), ("internal states", z.shape[1], size)):
         if found != count:
             raise ValueError(
                 f"start= ends with another number of {what}, {found}, than the load has, {count}; continue with the "

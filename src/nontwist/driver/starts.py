@@ -122,12 +122,10 @@ def axes_of(load: Load) -> tuple[tuple[float, ...], ...]:
     return tuple((one.inertia, *one.direction.tolist()) for one in load.wheels)
 
 
-def body_state(
-    time: float, quaternion: Any, velocity: Any, internal: Any = (), axes: Any = (), columns: Sequence[int] = ()
-) -> BodyState:
+def body_state(time: float, p: Any, W: Any, internal: Any = (), axes: Any = (), columns: Any = ()) -> BodyState:
     """Return the state of a quaternion, scalar last, W, and internal states, lists of floats, and `columns` of h."""
     state = BodyState()
-    state._time, state._numbers = time, (*quaternion, *velocity, *internal)
+    state._time, state._numbers = time, (*p, *W, *internal)
     state._axes, state._wheels = axes, tuple((internal[k],) for k in columns)
     return state
 
@@ -407,8 +405,6 @@ def _records(start: Any) -> Sequence[Record]:
     """Return what the load at the end of a run is, as far as it states that."""
     if isinstance(start, Trajectory):
         return start.load
-    if "joined" in start.attrs:
-        return recorded(start, "joined")[-1]["load"]
     return recorded(start, "load") if "load" in start.attrs else []
 
 

@@ -411,13 +411,8 @@ def traced(function: Any, arguments: tuple[Any, ...], shape: tuple[int, ...], na
         first = (code.co_filename, code.co_firstlineno) if code else None
         found = array_of(rebound(function)(*arguments))
         if found.shape != shape:
-            known = {
-                (3, 3): "three rows of three numbers",
-                (3,): "three numbers",
-                (1,): "a list of one number",
-                (): "one number",
-            }
-            rows = known.get(shape) or f"{shape[0]} numbers in a row"
+            known = {(3, 3): "three rows of three numbers", (3,): "three numbers", (): "one number"}
+            rows = known.get(shape) or f"a list of {shape[0]} number{'s' * (shape[0] > 1)}"
             raise TraceError(f"it returns {_what(found)}; return {rows}", first)
         for x in found.ravel().tolist():
             if isinstance(x, (complex, str, bytes)) or x is None:

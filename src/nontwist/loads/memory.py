@@ -378,7 +378,7 @@ class Column(NamedTuple):
     is_dry: bool
 
     @property
-    def count(self) -> int:
+    def size(self) -> int:
         """How many internal states it has."""
         return 1 + self.has_motor + self.has_loss
 
@@ -391,19 +391,17 @@ def recorded_wheels(records: Sequence[Record]) -> list[Column]:
             rubs, works = _rubs(one) or "motor" in one, bool(one["torque"] or len(one["times"]))
             is_dry = bool(one.get("coulomb"))
             found.append(Column(np.array(one["wheel"]), float(one["inertia"]), place, rubs or works, rubs, is_dry))
-            place += found[-1].count
+            place += found[-1].size
     return found
 
 
-def carried_on(z: Array, had: Sequence[Column], own: Sequence[Column | Wheel]) -> Array:
-    """Return internal states, (..., k), of a run with the wheels `had` as those of a load with its own.
+def carried_on(z: Array, had: Sequence[Column], sizes: Sequence[int]) -> Array:
+    """Return internal states, (..., k), of a run with the wheels `had` as those of a load whose wheels have so many.
 
     Momenta continue, and so do works and losses that both have; the others are 0.
     """
-    kept = [
-        old.place + k if k < old.count else -1 for old, new in zip(had, own, strict=False) for k in range(new.count)
-    ]
-    others = range(sum(old.count for old in had), z.shape[-1])
+    kept = [a.place + k if k < a.size else -1 for a, size in zip(had, sizes, strict=False) for k in range(size)]
+    others = range(sum(one.size for one in had), z.shape[-1])
     return np.insert(z, z.shape[-1], 0.0, axis=-1)[..., [*kept, *others]]
 
 

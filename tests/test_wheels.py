@@ -300,6 +300,7 @@ test_what_cannot_be_is_refused = refused_as(
         lambda: nt.simulate(nt.nontwisting([3, 4, 5], spin=0.7), t_end=1, load=nt.wheel((1, 0, 1), 0.3, speed=5)),
         lambda: nt.sensitivities(nt.standard(J), t_end=1, load=SKEW, wrt="duration"),
         lambda: nt.sensitivities(nt.standard(J), t_end=1, load=SKEW, wrt="load[1].wheel"),
+        lambda: nt.sensitivities(nt.nontwisting(J), t_end=1, load=SKEW, wrt="load[1].values"),
         lambda: nt.sensitivities(nt.nontwisting(J), t_end=1, load=SKEW, wrt="axis"),
         lambda: nt.stepper(nt.standard(J), 0.1, load=SKEW).step(wheel_torque=1),
         lambda: nt.stepper(nt.standard(J), 0.1).step(wheel_torque=[1]),

@@ -36,7 +36,9 @@ OWN = {  # those that every run has: labels, unit
     "duration": (("",), "s"),
 }
 # Of these the momentum of a wheel, to which steps of many nodes are not linear, has no derivatives under a table.
-NOT_OF_TABLES = {"scale": "the factor of", "wheel": "the axis of", LATER: "the duration with"}
+NOT_OF_TABLES = {"wheel": "the axis of", "duration": "the duration with"} | dict.fromkeys(
+    ("scale", "load_scale"), "the factor of"
+)
 EVERY = ("material_angular_velocity", "rotation")
 
 
@@ -85,29 +87,23 @@ class Parameters:
         self.terms = (problem.load if scheme.is_director_scheme else tables_as_moments(problem.load)).terms
         self._orbits = orbit_of(*as_marched(problem, scheme.is_director_scheme), 1.0, scheme) is not None
         words = [names] if isinstance(names, str) else as_list(names, given)
-        known, has_memory = self._known(), bool(problem.load.memories)
-        able = ", ".join(k for k, many in known.items() if not has_memory or all(map(self._is_of_memory, many)))
+        self._dissipates = scheme.is_director_scheme and bool(scheme.dissipation)
+        known = self._known()
+        able = [name for name, many in known.items() if not any(map(self._refusal, many))]
         if not words:
-            raise ValueError(f"{given} names no parameter; known are {able}")
+            raise ValueError(f"{given} names no parameter; known are {', '.join(able)}")
         for word in dict.fromkeys(w if isinstance(w, str) else short_repr(w) for w in words):
             if word not in known:
                 raise ValueError(
-                    f"{given} has the unknown parameter {word!r}; {self._field(word)}{guess(word, known)}"
-                    f"known are {able}"
+                    f"{given} has the unknown parameter {word!r}; {self._field(word, able) or guess(word, able)}"
+                    f"known are {', '.join(able)}"
                 )
             for one in known[word]:
                 if all(one.name != other.name for other in self.all):
                     self.all.append(one._replace(first=self.count))
                     self.count += len(one.labels)
-        if has_memory and (bad := next((one.name for one in self.all if not self._is_of_memory(one)), None)):
-            raise ValueError(f"runs with memory have derivatives by {NAMES}; {bad} is none of them")
-        turning, beside = [one.name for one in self.all if len(self.inertias_of(one))], bool(problem.load.wheels)
-        if scheme.is_director_scheme and scheme.dissipation and (turning if beside else "inertia" in turning):
-            what = "inertias beside wheels" if beside else "the entries of the inertia"
-            raise ValueError(
-                f"energy-momentum with dissipation has no derivatives by {what}, which turn the principal axes that "
-                f"its equations are written in; {'leave dissipation out' if beside else 'use principal_inertia'}"
-            )
+        if said := next(filter(None, map(self._refusal, self.all)), ""):
+            raise ValueError(said)
         self.changes = list[Changes]()  # of the numbers of terms that depend on the state, for each of "terms"
         self._effects = [effect for one in self.all for effect in self._effects_of(one)]
 
@@ -124,11 +120,30 @@ class Parameters:
                     known.setdefault(field, []).append(one)
         return known
 
-    def _field(self, word: str) -> str:
+    def _refusal(self, one: Parameter) -> str:
+        """Return why runs have no derivatives by a parameter; "" where they have."""
+        wheels = self.problem.load.wheels
+        if self.problem.load.memories:
+            is_none = not self._is_of_memory(one)
+            return f"runs with memory have derivatives by {NAMES}; {one.name} is none of them" * is_none
+        if self._dissipates and (len(self.inertias_of(one)) if wheels else one.name == "inertia"):
+            what = "inertias beside wheels" if wheels else "the entries of the inertia"
+            return (
+                f"energy-momentum with dissipation has no derivatives by {what}, which turn the principal axes that "
+                f"its equations are written in; {'leave dissipation out' if wheels else 'use principal_inertia'}"
+            )
+        if one.name in ("axis", "spin") and self._axis is not None and wheels:
+            return f"runs with wheels have no derivatives by {one.name}, which their momenta begin with"
+        terms, what = self.terms if one.term is None else (self.terms[one.term],), NOT_OF_TABLES.get(one.field, "")
+        if what and any(isinstance(term, Wheel) and term.times.size for term in terms):
+            return f"runs have no derivatives by {what} a wheel whose torque is a table"
+        return ""
+
+    def _field(self, word: str, able: Iterable[str]) -> str:
         """Return what a message says of a field of a term that is not a parameter; "" for any other word."""
         for k, term in enumerate(self.terms):
             if word.removeprefix(f"load[{k}].") in own_fields(type(term)):
-                its = ", ".join(f"load[{k}].{name}" for name in parameters_of(term))
+                its = ", ".join(name for name in able if name.startswith(f"load[{k}]."))
                 return f"runs have no derivatives with respect to this field of load[{k}]; its parameters are {its}; "
         return ""
 
@@ -238,8 +253,6 @@ class Parameters:
         if changes := self._changes_of(one):
             yield _always("terms", np.eye(len(changes)), first, len(self.changes))
             self.changes += changes
-        if one.name in ("axis", "spin") and n is not None and wheels:
-            raise ValueError(f"runs with wheels have no derivatives by {one.name}, which their momenta begin with")
         if len(inertias := self.inertias_of(one)):
             yield _always("inertia", np.array([[dJ[e] for dJ in inertias] for e in ENTRIES]), first)
         if one.term is not None:
@@ -321,8 +334,6 @@ class Parameters:
 
         The momentum changes at the nodes, on the chords of the steps, and so does its rate.
         """
-        if isinstance(term, Wheel) and term.times.size and (what := NOT_OF_TABLES.get(field)):
-            raise ValueError(f"runs have no derivatives by {what} a wheel whose torque is a table")
         at, times = self._later_by(nodes)[0], (nodes.begin, nodes.end)
         if isinstance(term, Wheel) and field != LATER:
             ends = [Slopes.of(self._slopes_of_wheel(term, field, t, factor)) for t in times]

@@ -544,10 +544,9 @@ def test_the_figure_that_is_proposed_says_something(write):
 
 @pytest.mark.usefixtures("here")
 def test_what_is_proposed_varies_and_bars_mark_a_length(write):
-    matrices = a_list("body.inertia", [np.diag([3.0, 4.0, last]).tolist() for last in (5, 6)])
-    load = 'load = [{ kind = "wheel", axis = "z", inertia = 0.1, speed = -100 }]\n[sweep]\ncombine = "together"\n'
-    text = FREE.partition("[sweep]")[0] + load + 'variables = ["wheel_speed"]\n' + matrices
-    sweep(write(text + a_list("start.angular_velocity.body", [[0, 0, 1], [0, 0, 2]])), "w.zarr", workers=1)
+    over = {"body.inertia": [np.diag([3, 4, J]) for J in (5, 6)], "start.angular_velocity.body": [[0, 0, 1], [0, 0, 2]]}
+    path = write(FREE + '[[load]]\nkind = "wheel"\naxis = "z"\ninertia = 0.1\nspeed = -100\n')
+    sweep(path, "w.zarr", over=over, combine="together", variables=["wheel_speed"], workers=1)
     line = "sweep-show w.zarr --plot body.inertia.2.2 start.angular_velocity.body.2 wheel_speed"
     assert nontwist("sweep-show", "w.zarr").stderr == f"next: nontwist {line}\n"
     ended(0, *line.split())

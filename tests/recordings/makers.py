@@ -420,7 +420,6 @@ def made(
 
 
 def aem(second):
-    """Two segments of a CCSDS attitude ephemeris, the second relative to another frame perhaps."""
     head = "META_START\nREF_FRAME_A = ICRF\nQUATERNION_TYPE = FIRST\nMETA_STOP\nDATA_START\nCOMMENT a star tracker\n"
     rows = text({"t": T, **quat("q{}")}, " ", headers=False).splitlines(keepends=True)
     return head + "".join(rows[:9]) + "DATA_STOP\n" + head.replace("ICRF", second) + "".join(rows[9:])

@@ -77,7 +77,7 @@ def sweep_facts(store: Path) -> dict[str, Any]:
         "seed": sweep.seed,
         "variables": {str(name): _variable(one) for name, one in data.data_vars.items() if name not in hidden},
         "failures": _kinds(reasons),
-        "drawn": [_varying(*one) for one in spread(sweep, 100).items()],
+        "drawn": [_varying(*one) for one in spread(sweep, 100).items()][: 1 + (len(sweep.over) == 2)],
     }
 
 
@@ -122,8 +122,7 @@ def print_sweep(facts: dict[str, Any]) -> None:
         print_table("failures", {"members": counts, "first": firsts, "reason of the first": reasons})
     if facts["swept"] and facts["variables"]:
         quantity = _telling({name: len(one["dimensions"]) for name, one in facts["variables"].items()})
-        drawn = facts["drawn"][: 2 if len(facts["drawn"]) == 2 else 1]
-        say_next(("sweep-show", facts["store"], "--plot", *drawn, quantity))
+        say_next(("sweep-show", facts["store"], "--plot", *facts["drawn"], quantity))
 
 
 def _telling(dimensions: dict[str, int]) -> str:

@@ -81,9 +81,8 @@ def fit_inertia(
         A rotor of known momentum turns in the body, which also gives the scale: J is that of the body with the rotor
         locked, kg m². Keys: `axis`, (3,) or "x", "y", "z", "-x", "-y", "-z", or "fit"; `inertia` about it, kg m²;
         `speed` relative to the body, positive by the right hand about the axis, the header of a column, or a number,
-        left out where arrays bring it; its `unit`, by default that which the column states, or rad/s; `error`, the
-        relative standard deviation of the momentum, by default 0. The noise of a recorded speed is estimated from its
-        readings.
+        left out where arrays bring it; its `unit`, else that of the column or rad/s; `error`, the relative standard
+        deviation of the momentum, by default 0. The noise of a recorded speed is estimated from its readings.
     damping : "one", "three", float or (3,) array, optional
         A moment -C W acts. "one", "three": C is fitted, as one number or as three along the axes of the sensor.
         Numbers: C is known, N m s; this requires a known scale.

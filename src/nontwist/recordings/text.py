@@ -45,11 +45,8 @@ FEW = 3  # different numbers with such a mark, and as many below 1000 without on
 MISSING = {"NA", "N/A", "#N/A", "<NA>", "NULL", "null", "None"}  # as R and others write it, and pandas reads it
 _RECORD = re.compile(r"\$?[A-Z]\w*(,|$)")
 _FACTOR = re.compile(r"(?i)\b(lsb|scale|sensitivity|factor|ATTITUDE_DIR|REF_FRAME_[AB])")
-# Lines of a CCSDS AEM: about a segment, which the next may state otherwise, and of the place of the scalar.
-_OF_SEGMENT = re.compile(
-    r"\s*(?:((?!\w+_TIME\b|INTERPOLATION)[A-Z_]+)\s*=\s*(.*?)\s*$|[A-Z_]+\s*=|(?:META|DATA)_(?:START|STOP)\s*$)"
-)
-_SCALAR = re.compile(r"\s*(?:QUATERNION_TYPE\s*=\s*(FIRST|LAST)|CCSDS_AEM_VERS\s*=\s*2)")
+_SEGMENT = re.compile(r"\s*(?:((?!\w+_TIME|INTERPOL)[A-Z_]+)\s*=\s*(.*?)\s*$|[A-Z_]+\s*=|(?:META|DATA)_ST\w+\s*$)")
+_SCALAR = re.compile(r"\s*(?:QUATERNION_TYPE\s*=\s*(FIRST|LAST)|CCSDS_AEM_VERS\s*=\s*2)")  # of a CCSDS AEM
 
 
 def read_table(source: Path | TextIO | bytes) -> tuple[Table, tuple[str, ...]]:
@@ -235,9 +232,9 @@ def _rows(content: bytes, separator: str | None, first: int, names: list[str]) -
     decimal = _decimal(islice(opened(content), first, None), separator)
     blank = "".join({*"\r\n \t"} - {separator})
     places, comments, is_split, widest = array("q"), list[int](), False, 0
-    segment = dict(one.groups() for one in map(_OF_SEGMENT.match, islice(opened(content), first)) if one)
+    segment = {one[1]: one[2] for one in map(_SEGMENT.match, islice(opened(content), first)) if one}
     for k, line in islice(enumerate(opened(content), 1), first, None):
-        found = _OF_SEGMENT.match(line) if segment else None
+        found = _SEGMENT.match(line) if segment else None
         if found and segment.get(found[1]) != found[2]:
             raise InputError("segments", place=f"line {k}", key=found[1], now=found[2], was=segment.get(found[1]))
         if found or _is_comment(line):

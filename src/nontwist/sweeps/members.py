@@ -263,10 +263,8 @@ class Members:
                 "the file has no table [sweep]: nontwist run runs it, nontwist example sweep copies one that has"
             )
         start, events = file.start.run, len(file.event)
-        faults = [Fault("start.run", shown(start), "left out: members of a sweep start from numbers")] * (
-            start is not None
-        )
-        faults += [Fault("event", f"{events} tables", "left out: a sweep looks for no events")] * (events > 0)
+        faults = [] if start is None else [Fault("start.run", shown(start), "left out: members start from numbers")]
+        faults += [Fault("event", f"{events} tables", "left out: a sweep looks for no events")] * bool(events)
         if faults:
             raise RunFileError("[sweep]", tuple(faults))
         self.file, self.text, self.folder = file, file.text(), file._folder

@@ -259,7 +259,7 @@ def _component(data: Any, name: str, known: Sequence[str], fault: str, every: sl
     if base is None or not all(part.isdecimal() for part in rest):
         raise ValueError(f"{name} {fault}; known are {', '.join(known)}, and their components, as in {known[0]}.0")
     whole, place = data[base], [int(part) for part in rest]
-    shape, left = whole.shape[1:], whole.shape[1 + len(place) :]
+    shape, left = whole.shape[1:], [n for n in whole.shape[1 + len(place) :] if n != 1]
     if len(place) > len(shape) or any(k >= n for k, n in zip(place, shape, strict=False)):
         ends = " × ".join(f"0 to {n - 1}" for n in shape)
         raise ValueError(f"{base} has components {ends}, not {name}")
@@ -268,9 +268,7 @@ def _component(data: Any, name: str, known: Sequence[str], fault: str, every: sl
         one = f"name one of its components, as in {name}.{last}"
         raise ValueError(f"{name} is a matrix, {size}, which has no length; {one}")
     entry: Any = (slice(None), *place)
-    numbers = np.asarray(whole[every].values, dtype=np.float64)[entry]
-    if left == (1,):  # a single wheel
-        numbers, left = numbers[:, 0], ()
+    numbers = np.asarray(whole[every].values, dtype=np.float64)[entry].reshape(-1, *left)
     labels = [str(whole[dim].values[k]) for dim, k in zip(whole.dims[1:], place, strict=False)]
     column = "_".join([base, *labels])
     if " " in whole.attrs.get("symbol", " "):  # of a reduction, which repeats the name

@@ -348,7 +348,7 @@ def _stands(form: TypeAdapter[Any], value: Any, at: Keys, wrong: list[Keys]) -> 
     """Return a table, or None; the other keys of an integrator belong to its name, if that is wrong."""
     keys = {path[len(at)] for path in wrong if path[: len(at)] == at and len(path) > len(at)}
     with suppress(ValidationError):
-        if isinstance(value, dict) and "name" not in keys:
+        if isinstance(value, dict) and "name" not in keys and len(keys) < MOST_PROBLEMS:
             return form.validate_python({key: one for key, one in value.items() if key not in keys})
     return None
 

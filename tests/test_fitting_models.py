@@ -334,6 +334,15 @@ def test_a_rotor_gives_the_scale():
     times, speeds = fit.parts[0].speed
     assert abs(np.interp(SPINS[0], times, speeds) - SPINS[1]).max() < 4
     assert "momentum up to 0.00126" in fit.table()["rotor"]
+    speedless = {key: AXLE[key] for key in ("axis", "inertia")}
+    twice = nt.fit_inertia([spun(), spun()], rotor=speedless)
+    assert twice.principal.moments == pytest.approx(fit.principal.moments, rel=0.01)
+
+
+def test_a_turn_by_a_radian_is_enough_to_begin_with():
+    time, rates, speeds = (one[:30] for one in spun())
+    begun = with_moments([(time, rates)], Model(wheel=Wheel(np.eye(3)[2], WHEEL, 0.0)), 2.0, 0.03, [speeds])
+    assert begun.model.unit == pytest.approx(np.trace(SAT), rel=0.3)
 
 
 def test_the_axis_of_a_rotor_is_fitted():

@@ -94,10 +94,12 @@ def weak_rows(model: Model, time: Array, rates: Array, speed: Array | None, widt
     """Return the equations of the weak form over windows of so many radians, (m, 3, 6 + q)."""
     size, duration = np.sqrt((rates**2).sum(axis=1).mean()), time[-1] - time[0]
     haste, interval = haste_of(model, time, rates), np.quantile(np.diff(time), 0.8)
-    half = min(max(width / max(size * haste, 1e-300), FEWEST * interval), duration) / 2
+    known = acting(model, time, rates, speed)
+    longest = 4 * duration / (6 + known[0].shape[2] / 3)  # with which there are as many equations as unknowns
+    half = min(max(min(width / max(size * haste, 1e-300), longest), FEWEST * interval), duration) / 2
     centres = np.arange(time[0] + half, time[-1] - half * (1 - 1e-9), half / 2)
     centres = centres if len(centres) else np.array([(time[0] + time[-1]) / 2])
-    rows, whole = windowed(time, rates, centres, np.full(len(centres), half), *acting(model, time, rates, speed))
+    rows, whole = windowed(time, rates, centres, np.full(len(centres), half), *known)
     return allowed(model, rows[whole]) / (half * size**2 * haste + 1e-300)
 
 

@@ -167,7 +167,8 @@ def fit_inertia(
     >>> fit.unit
     'kg m²'
     """
-    if isinstance(rotor, Mapping) and isinstance(recording, tuple) and len(recording) == 3:
+    every = recording if isinstance(recording, list) else [recording]
+    if isinstance(rotor, Mapping) and all(isinstance(one, tuple) and len(one) == 3 for one in every):
         rotor = {"speed": "of the arrays", **rotor}
     model = as_model(gravity, damping, rotor, constraint, as_flag(physical, "physical"))
     deviations = as_positive(bias, "bias", (), "rad/s"), as_positive(scale, "scale", (), "")

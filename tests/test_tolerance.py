@@ -207,6 +207,8 @@ def test_a_jump_that_no_stage_sees_is_refused():
         with pytest.raises(SimulationError) as told:
             nt.simulate(body, t_end=40, load=load, material_angular_velocity=(0, 0, speed))
         assert told.value.status == Status.JUMP
+        with pytest.raises(SimulationError, match="jumps with the state"):
+            nt.integrate(body, t_end=40, load=load, material_angular_velocity=(0, 0, speed), store=7)
     declared = nt.moment(law, breakpoints=[6.0], compiled=True)  # where a node lies at the jump the run is right
     run = nt.simulate(body, t_end=40, load=declared, material_angular_velocity=(0, 0, 0.05))
     assert run.material_angular_velocity.values[-1, 2] == pytest.approx(0.1, abs=1e-9)

@@ -228,6 +228,7 @@ def _ends(arrays: dict[str, Array]) -> Iterator[tuple[int, str]]:
 
 GLANCES, HALVINGS = 64, 40
 BENT, ONE_SIDED = 4, 0.7  # nodes that are looked at; part of a change that lies on one side of a jump
+GLANCED = 100_000  # states of all members
 LEFT = 0.4  # of the change between two of the times: what a jump leaves of it, half of it beside a sign of exactly 0
 WAYS = (
     "the load {} jumps with the state, at about t = {} s {}, so that a step there may have no solution at any length; "
@@ -269,17 +270,22 @@ def named_jump(scheme: Integrator, problem: IVP, failure: Failure | None) -> Fai
     return None
 
 
-def misses_jump(problem: IVP, outcome: Outcome, goal: float) -> bool:
+def misses_jump(scheme: Integrator, problem: IVP, outcome: Outcome, goal: float) -> bool:
     """Whether a load jumps so near a node that no stage has seen it, by which runs are off by more than `goal`.
 
     Between the last stage of a step and the first of the next one a jump acts as if it were at the node, on all grids
-    that have the node. Looked at are those where W bends most, with the chords of the motion on both sides.
+    that have the node. Looked at are those where W bends most, with the chords of the motion on both sides; where not
+    all are stored, those of a run of its own, unless these are more than `GLANCED`.
     """
     if problem.load.is_dry or next(_values(problem.member(0)), None) is None:
         return False
+    if len(problem.stored) <= problem.steps and len(problem) * problem.steps <= GLANCED:
+        problem = replace(problem, stored=np.arange(problem.steps + 1), observed=False, progress=None)
+        outcome = unchecked(scheme, problem)
     single = np.diff(problem.stored) == 1
     nodes = 1 + np.flatnonzero(single[1:] & single[:-1])
-    bends = np.nan_to_num(abs(np.diff(outcome.states.velocity, 2, axis=1)).max(axis=2)[:, nodes - 1])
+    bends = abs(np.diff(outcome.states.velocity, 2, axis=1)).max(axis=2)[:, nodes - 1]
+    bends[outcome.failures[:, 0] != Status.OK] = 0.0
     for i, j in zip(*np.unravel_index(np.argsort(-bends, axis=None)[:BENT], bends.shape), strict=True):
         if bends[i, j] > 0 and any(miss > goal for miss in _missed(problem.member(int(i)), outcome, int(i), nodes[j])):
             return True

@@ -172,7 +172,7 @@ def controlled(
         d = gap if slowest == 0.0 else _distance(coarse, fine, slowest)
         slope = p if before is None else log(max(before[1], EPS**2) / max(d, EPS**2)) / log(N / before[0])
         if d <= TENTH * goal or (d <= goal and before is not None and slope >= p / 2):
-            if completion.misses_jump(fine.problem, fine.outcome, goal):
+            if completion.misses_jump(scheme, fine.problem, fine.outcome, goal):
                 grid, coarse, before = _scaled(coarse.grid, BESIDE), None, None
                 continue
             if amplified and plan.tolerance is None:

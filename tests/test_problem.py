@@ -76,6 +76,11 @@ def test_a_keyword_that_is_none_names_the_nearest():
     for function in (nt.simulate, nt.lyapunov, nt.propagator, nt.simulate_ensemble, Problem):
         with pytest.raises(TypeError, match=r"argument 't_endd'; did you mean t_end=\?"):
             function(BODY, t_endd=1)
+    for others, meant in {"dt": "step", "omega": "angular_velocity", "method": "integrator", "torque": "load"}.items():
+        with pytest.raises(TypeError, match=rf"argument '{others}'; did you mean {meant}="):
+            nt.simulate(BODY, t_end=1, **{others: 1})
+    with pytest.raises(TypeError, match=r"argument 'zz'; its keywords include t_end, step"):
+        nt.simulate(BODY, t_end=1, zz=1)
     with pytest.raises(TypeError, match="unexpected keyword argument 'store'"):
         nt.lyapunov(PROBLEM, store=3)
 

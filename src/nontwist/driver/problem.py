@@ -147,14 +147,29 @@ def takes(group: type, *last: str, **defaults: Any) -> Callable[[F], F]:
     return described
 
 
+SPELLINGS = {  # of other packages
+    "dt h time_step timestep max_step": "step",
+    "duration T tmax t_max t_final tf t_span": "t_end",
+    "t t_eval": "times",
+    "tol rtol atol": "tolerance",
+    "method solver scheme": "integrator",
+    "attitude orientation quaternion quat q q0 R R0": "rotation",
+    "omega omega0 w w0 velocity": "angular_velocity=, of components in space, or material_angular_velocity",
+    "W W0 Omega": "material_angular_velocity",
+    "torque moment force gravity": "load",
+}
+
+
 def refuse_unknown(function: str, keywords: Mapping[str, Any], group: type) -> None:
     """Raise a TypeError where a group has no such keyword."""
-    for name in keywords.keys() - group.__annotations__.keys():
+    known = group.__annotations__
+    for name in keywords.keys() - known.keys():
         from difflib import get_close_matches
 
-        near = get_close_matches(name, group.__annotations__, 1)
-        hint = f"; did you mean {near[0]}=?" if near else ""
-        raise TypeError(f"{function}() got an unexpected keyword argument {name!r}{hint}")
+        near = next((meant for others, meant in SPELLINGS.items() if name in others.split()), "")
+        near = near if near.split("=")[0] in known else "".join(get_close_matches(name, known, 1))
+        hint = f"did you mean {near}=?" if near else f"its keywords include {', '.join(known)}"
+        raise TypeError(f"{function}() got an unexpected keyword argument {name!r}; {hint}")
 
 
 class Problem:

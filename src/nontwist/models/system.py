@@ -110,7 +110,7 @@ def checked_inertia(J: ArrayLike, physical: bool = True, axis: Array | None = No
     if (b if is_massless_about_axis else a) <= 4 * np.finfo(float).eps * abs(principal).max():
         raise ValueError(
             f"inertia is not positive definite: its smallest principal moment is {a:.6g}"
-            + (" (0 is accepted about the third axis of nontwisting)" if b > 0 and abs(a) < SYMMETRY * c else "")
+            + (" (0 is accepted about the third axis of nontwisting without a spin)" if b > 0 and abs(a) < SYMMETRY * c else "")
         )
     if not as_flag(physical, "physical"):
         return J

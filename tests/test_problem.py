@@ -214,14 +214,15 @@ def test_a_body_is_written_as_it_is_not_as_its_name_says(tmp_path):
 HEAD = '[body]\nkind = "standard"\ninertia = [3, 4, 5]\n[time]\nt_end = 2\nstep = 0.1\n[[load]]\nframe = "body"\n'
 
 
-def test_loads_that_last_as_the_run_does_keep_their_times(tmp_path):
+def test_a_constant_moment_of_a_file_lasts_as_long_as_any_run(tmp_path):
     path = tmp_path / "run.toml"
     path.write_text(HEAD + 'kind = "constant"\nmoment = [1, 0, 0]\n', encoding="utf-8")
     problem = Problem.read(path)
-    with pytest.raises(ValueError, match="begins or ends with the run"):
-        nt.simulate(problem, t_end=4)
-    longer = nt.simulate(Problem.read(path, ["time.t_end=4"]))
-    assert longer.material_angular_velocity[-1, 0] == pytest.approx(4 / 3)
+    problem.replace(load=0.5 * nt.constant((2, 0, 0))).write(tmp_path / "again.toml")
+    for other in (problem, Problem.read(tmp_path / "again.toml")):
+        longer = nt.simulate(other, t_end=4)
+        assert longer.material_angular_velocity[-1, 0] == pytest.approx(4 / 3)
+    assert 'kind = "constant"' in (tmp_path / "again.toml").read_text(encoding="utf-8")
 
 
 def test_files_beside_a_run_file_go_with_it(tmp_path):

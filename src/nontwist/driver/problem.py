@@ -256,7 +256,7 @@ class Problem:
             The times of a run file are changed whose loads begin and end with the run.
         """
         refuse_unknown("replace", changes, OfProblem)
-        given = changed(self, _kept(changes))
+        given = {**self.given, **_kept(changes)}
         kept = {key: value for key, value in given.items() if value is not None}
         return problem_with(self.system if system is None else system, kept)
 
@@ -343,16 +343,6 @@ class Problem:
         return forecast(prepared(self))
 
 
-def changed(problem: Problem, keywords: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the keywords of a problem with others; a ValueError where its file has loads that last as the run does."""
-    others = {"t_start", "t_end"} & keywords.keys()
-    if others and problem.file is not None and problem.file.has_lasting_loads:
-        raise ValueError(
-            "a load of the run file begins or ends with the run: set times by Problem.read(path, ['time.t_end=...'])"
-        )
-    return {**problem.given, **keywords}
-
-
 def prepared(problem: Problem) -> Prepared:
     """Return a problem made ready to run; errors as `simulate`."""
     if "load_scale" in problem.given:
@@ -432,7 +422,7 @@ def posed(
     refuse_unknown(function, own, group)
     if not isinstance(system, Problem):
         return problem_with(system, {**defaults, **keywords})
-    found, known = changed(system, keywords), group.__annotations__.keys()
+    found, known = {**system.given, **keywords}, group.__annotations__.keys()
     found = {name: value for name, value in found.items() if name in known or value is not None}
     for name in found.keys() - known:
         if name not in aside:

@@ -401,7 +401,7 @@ def problem_with(system: DirectorSystem | SystemStack, given: Mapping[str, Any],
 
 def posed(
     function: str,
-    system: DirectorSystem | SystemStack | Problem,
+    system: DirectorSystem | SystemStack | Sequence[DirectorSystem] | Problem,
     keywords: Mapping[str, Any],
     group: type,
     aside: Collection[str] = ("store",),
@@ -417,6 +417,7 @@ def posed(
         The problem has what the function does not take, and does not leave `aside`.
     """
     own = keywords
+    system = SystemStack.of(system) if isinstance(system, Sequence) else system
     if isinstance(system, Problem):  # None takes away what it has, and the function does not take
         own = {name: x for name, x in keywords.items() if x is not None or name not in OfProblem.__annotations__}
     refuse_unknown(function, own, group)

@@ -181,7 +181,7 @@ WRONG_UPDATES = [
     (last, ONE, {}, "time must be given at every update or at none"),
     (last, (0, 0, 0.6, 0.9), NEXT, "quaternion must have the length 1, it has 1.08167"),
     (last, np.eye(4), NEXT, "rotation must have a sample for each of the streams (), got (4,)"),
-    (last, ("a", 0, 0, 1), NEXT, "the motion must be an array of numbers"),
+    (last, ("a", 0, 0, 1), NEXT, "the motion must consist of numbers"),
     (last, ONE, {"time": "noon"}, "time must be"),
     (last, ONE, {"time": np.nan}, "time"),
     (two, PAIR, {"time": [1, 1]}, "time[1] must increase, got 1"),

@@ -104,7 +104,7 @@ def raw_motion(motion: Any, scalar_first: bool | None) -> Motion:
         return Motion(np.swapaxes(motion.directors, -1, -2), motion.time)
     if isinstance(motion, (str, PathLike)):
         readers = "open_run reads a run, read_motion a recording"
-        raise ValueError(f"the motion must be an array of numbers, got {str(motion)!r}; {readers}")
+        raise ValueError(f"the motion must consist of numbers, got {str(motion)!r}; {readers}")
     array = as_floats(motion, "the motion")
     if array.shape[-2:] == (3, 3):
         return Motion(array)

@@ -182,7 +182,7 @@ WRONG_UPDATES = [
     (last, (0, 0, 0.6, 0.9), NEXT, "quaternion must have the length 1, it has 1.08167"),
     (last, np.eye(4), NEXT, "rotation must have a sample for each of the streams (), got (4,)"),
     (last, ("a", 0, 0, 1), NEXT, "the motion must consist of numbers"),
-    (last, ONE, {"time": "noon"}, "time must be"),
+    (last, ONE, {"time": "noon"}, "time must consist of numbers"),
     (last, ONE, {"time": np.nan}, "time"),
     (two, PAIR, {"time": [1, 1]}, "time[1] must increase, got 1"),
     (two, PAIR, {"time": [1, 2, 3]}, "time must be a number or have the shape (2,)"),

@@ -148,7 +148,7 @@ def takes(group: type, *last: str, **defaults: Any) -> Callable[[F], F]:
 
 
 SPELLINGS = {  # of other packages
-    "dt h time_step timestep max_step": "step",
+    "dt h step_size time_step timestep max_step": "step",
     "duration T tmax t_max t_final tf t_span": "t_end",
     "t t_eval": "times",
     "tol rtol atol": "tolerance",
@@ -167,7 +167,7 @@ def refuse_unknown(function: str, keywords: Mapping[str, Any], group: type) -> N
         from difflib import get_close_matches
 
         near = next((meant for others, meant in SPELLINGS.items() if name in others.split()), "")
-        near = near if near.split("=")[0] in known else "".join(get_close_matches(name, known, 1))
+        near = near if near.split("=")[0] in known else "".join(get_close_matches(name, known, 1, 0.65))
         hint = f"did you mean {near}=?" if near else f"its keywords include {', '.join(known)}"
         raise TypeError(f"{function}() got an unexpected keyword argument {name!r}; {hint}")
 

@@ -58,6 +58,7 @@ def short_repr(value: Any) -> str:
     """Return `value` for a message, in at most 80 characters, whatever it is."""
     try:
         text = repr(value)
+        text = " ".join(text.split()) if "\n" in text else text
     except Exception:  # as for whole numbers with more than 4300 digits
         text = f"a value of type {type(value).__name__}"
     return text if len(text) <= _LONGEST_REPR else f"{text[: _LONGEST_REPR - 3]}..."

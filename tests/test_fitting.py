@@ -161,6 +161,9 @@ def test_steady_spin_tells_the_axis_and_no_moment(here):
     assert beyond_the_wall(fit.solution, fit.told) == 0
     by = entries(fit.untold[-1].matrix) * [1, 1, 1, 2, 2, 2]
     assert by @ fit.covariance @ by == pytest.approx(1e4)  # as moments are parts of their sum
+    run = nt.simulate(nt.standard([1, 1, 2]), t_end=2, material_angular_velocity=(5, 0.1, 0))
+    with pytest.warns(UserWarning, match="does not determine"):  # W3 is constant: no sensor is at its limit
+        assert len(nt.fit_inertia(run).untold) == 3
     with pytest.raises(ValueError, match="does not determine the whole inertia"):
         fit.problem()
     assert len(fit.plot().figure.axes) == 3

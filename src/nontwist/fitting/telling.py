@@ -205,7 +205,7 @@ def principal(solution: Solution, C: Array, size: float) -> Principal:
     for i, j in ((0, 1), (0, 2), (1, 2)):
         gap, apart = values[j] - values[i], by[j, j] - by[i, i]
         tilt = wide * np.sqrt(by[i, j] @ C @ by[i, j]) / max(gap, 1e-300)
-        tilt = tilt if gap > APART * np.sqrt(apart @ C @ apart) else np.nan
+        tilt = tilt if gap > APART * np.sqrt(max(apart @ C @ apart, 0.0)) else np.nan
         tilts[[i, j]] = np.maximum(tilts[[i, j]], tilt)
     ratios = values[:2] / values[2]
     slopes = [by[k, k] / values[2] - values[k] / values[2] ** 2 * by[2, 2] for k in range(2)]

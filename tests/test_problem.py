@@ -76,11 +76,20 @@ def test_a_keyword_that_is_none_names_the_nearest():
     for function in (nt.simulate, nt.lyapunov, nt.propagator, nt.simulate_ensemble, Problem):
         with pytest.raises(TypeError, match=r"argument 't_endd'; did you mean t_end=\?"):
             function(BODY, t_endd=1)
-    for others, meant in {"dt": "step", "omega": "angular_velocity", "method": "integrator", "torque": "load"}.items():
+    for others, meant in {
+        "dt": "step",
+        "omega": "angular_velocity= or material_angular_velocity",
+        "method": "integrator",
+        "torque": "load",
+    }.items():
         with pytest.raises(TypeError, match=rf"argument '{others}'; did you mean {meant}="):
             nt.simulate(BODY, t_end=1, **{others: 1})
-    with pytest.raises(TypeError, match=r"argument 'zz'; its keywords include t_end, step"):
+    with pytest.raises(TypeError, match=r"argument 'zz'; it takes t_end, step"):
         nt.simulate(BODY, t_end=1, zz=1)
+    with pytest.raises(
+        ValueError, match=r"unknown integrator 'rk45'; RK45 of SciPy is integrators.Continuous\('RK45'\)"
+    ):
+        nt.simulate(BODY, t_end=1, integrator="rk45")
     with pytest.raises(TypeError, match="unexpected keyword argument 'store'"):
         nt.lyapunov(PROBLEM, store=3)
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypedDict, TypeVar, Unpack
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..geometry.values import meant
 from ..integrators import DEFAULT, Integrator
 from ..loads import Load, Term, as_load
 from ..models.stack import SystemStack, stacked
@@ -147,28 +148,14 @@ def takes(group: type, *last: str, **defaults: Any) -> Callable[[F], F]:
     return described
 
 
-SPELLINGS = {  # of other packages
-    "dt h step_size time_step timestep max_step": "step",
-    "duration T tmax t_max t_final tf t_span": "t_end",
-    "t t_eval": "times",
-    "tol rtol atol": "tolerance",
-    "method solver scheme": "integrator",
-    "attitude orientation quaternion quat q q0 R R0": "rotation",
-    "omega omega0 w w0 velocity": "angular_velocity=, of components in space, or material_angular_velocity",
-    "W W0 Omega": "material_angular_velocity",
-    "torque moment force gravity": "load",
-}
-
-
 def refuse_unknown(function: str, keywords: Mapping[str, Any], group: type) -> None:
     """Raise a TypeError where a group has no such keyword."""
     known = group.__annotations__
     for name in keywords.keys() - known.keys():
         from difflib import get_close_matches
 
-        near = next((meant for others, meant in SPELLINGS.items() if name in others.split()), "")
-        near = near if near.split("=")[0] in known else "".join(get_close_matches(name, known, 1, 0.65))
-        hint = f"did you mean {near}=?" if near else f"its keywords include {', '.join(known)}"
+        near = meant(name, known) or get_close_matches(name, known, 1, 0.65)
+        hint = f"did you mean {' or '.join(f'{one}=' for one in near)}?" if near else f"it takes {', '.join(known)}"
         raise TypeError(f"{function}() got an unexpected keyword argument {name!r}; {hint}")
 
 

@@ -244,11 +244,6 @@ def fitting(load: Load, scheme: Integrator, systems: SystemStack) -> Load:
     """Return a load that knows the body; a ValueError where it does not go with integrator, bodies or friction."""
     load = known_body(load, systems)
     scheme.require_memory(load)
-    if load.frictions and load.remembering and not scheme.remembers:
-        raise ValueError(
-            f"{scheme.name} does not take dry_friction beside wheels and loads with memory; use gauss, which solves "
-            "for their states while the body rests"
-        )
     for k in range(len(systems)) if load.wheels else ():
         carrier(systems[k], load)
     return load

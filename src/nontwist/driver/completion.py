@@ -354,6 +354,8 @@ def _path(at: Contacts, t: float, p: Array, W: Array, z: Array) -> Callable[[flo
 
     def state(s: float) -> tuple[Array, Array, Array]:
         turned = attitudes(p) @ Rotation.from_rotvec(s * W + s * s / 2 * turning).as_matrix()
+        if not np.isfinite(turned).all():
+            raise ValueError("the attitude is not finite")
         return turned.T, W + s * turning, z + s * rates
 
     return state

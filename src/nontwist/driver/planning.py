@@ -14,6 +14,7 @@ from ..geometry.arrays import LARGEST, Array, as_number, as_positive
 from ..geometry.attitudes import directors
 from ..geometry.values import nearest, short_repr
 from ..integrators import DEFAULT, INTEGRATORS, IVP, Integrator
+from ..integrators.continuous import METHODS
 from ..integrators.costs import damping_at, damping_rate, largest_velocity, memory_rate
 from ..integrators.load_samples import carrier
 from ..integrators.load_samples import internal_states as first_states
@@ -323,7 +324,10 @@ def resolve_integrator(integrator: str | Integrator, order: int | None) -> Integ
             raise ValueError("an integrator given as an instance brings its order; leave order= out")
         return integrator
     if not isinstance(integrator, str) or integrator not in INTEGRATORS:
-        raise ValueError(f"unknown integrator {short_repr(integrator)}; {nearest(integrator, INTEGRATORS)}")
+        known = nearest(integrator, INTEGRATORS)
+        if isinstance(integrator, str) and (method := {one.lower(): one for one in METHODS}.get(integrator.lower())):
+            known = f"{method} of SciPy is integrators.Continuous({method!r}); {known}"
+        raise ValueError(f"unknown integrator {short_repr(integrator)}; {known}")
     scheme = INTEGRATORS[integrator]
     if order is None:
         return scheme()

@@ -111,10 +111,10 @@ def checked_inertia(J: ArrayLike, physical: bool = True, axis: Array | None = No
     a, b, c = principal = np.linalg.eigvalsh(J)
     is_massless_about_axis = axis is not None and max(abs(J @ axis)) <= SYMMETRY * c
     if (b if is_massless_about_axis else a) <= 4 * np.finfo(float).eps * abs(principal).max():
-        raise ValueError(
-            f"inertia is not positive definite: its smallest principal moment is {a:.6g}"
-            + (" (0 is accepted about the third axis of nontwisting)" if b > 0 and abs(a) < SYMMETRY * c else "")
+        but = " (0 is accepted about the third axis of nontwisting without a spin)" * bool(
+            b > 0 and abs(a) < SYMMETRY * c
         )
+        raise ValueError(f"inertia is not positive definite: its smallest principal moment is {a:.6g}{but}")
     if not as_flag(physical, "physical"):
         return J
     if a + b < c - 2 * TRIANGLE * principal.sum():

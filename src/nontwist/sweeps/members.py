@@ -44,7 +44,7 @@ from ..runfile import RunFile
 from ..runfile.body import Body
 from ..runfile.document import checked, with_loads
 from ..runfile.files import Fault, Folder, shown
-from ..runfile.loads import AnyLoad, Place
+from ..runfile.loads import AnyLoad
 from ..runfile.section import in_toml, problems_of
 from ..runfile.sweep_table import Drawn, Sweep
 from ..units import RATE
@@ -377,7 +377,7 @@ class Members:
         if numbers := _below("body.", values):
             plan = plan._replace(systems=stack(file.body, numbers, self.folder))
         if scales is not None:
-            plan = plan._replace(load=file.load[0].unscaled(Place(self.folder, plan.t_start, plan.t_end)))
+            plan = plan._replace(load=file.load[0].unscaled(self.folder))
         plan = plan._replace(load=known_body(plan.load, plan.systems))
         velocity = file.start.angular_velocity
         frame = next(iter(type(velocity).model_fields))

@@ -149,7 +149,7 @@ def simulate_ensemble(
         scheme, grid = first.scheme, finer(first.grid)
     if grid is None:
         grid = plan.automatic(begin, is_bound=True)
-    problem = replace(plan.problem(begin, grid), observed=bool(requested), on_gpu=on_gpu)
+    problem = plan.problem(begin, grid, observed=bool(requested), on_gpu=on_gpu)
     count = len(problem.stored_times)
     _require_memory(names, m, count)
     if scheme.is_compiled:
@@ -169,8 +169,8 @@ def simulate_ensemble(
             scheme, problem, outcome = found.scheme, found.problem, found.outcome
             kept = {"tolerance": goal, "error_estimate": estimate}
             if plan.output_times is not None:
-                own = plan._replace(scheme=scheme).problem(begin, problem.grid)
-                problem = replace(own, observed=bool(requested), on_gpu=on_gpu)
+                own = plan._replace(scheme=scheme)
+                problem = own.problem(begin, problem.grid, observed=bool(requested), on_gpu=on_gpu)
                 outcome = completion.march(scheme, problem, workers)
         else:
             problem = replace(problem, progress=report)

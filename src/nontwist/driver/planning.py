@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from itertools import pairwise
 from operator import itemgetter
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -125,7 +125,8 @@ class Plan(NamedTuple):
 
     def remark(self, begin: Starts, problem: IVP) -> str | None:
         """Return what the integrator says about the steps of a problem, or None."""
-        return self.scheme.remark(replace(problem, load=self.linearised(begin).load))
+        load = self.linearised(begin).load
+        return self.scheme.remark(problem if load is problem.load else replace(problem, load=load))
 
     def decay(self, begin: Starts) -> float:
         """Return the largest rate at which anything decays at a start, 1/s, about."""
@@ -167,8 +168,8 @@ class Plan(NamedTuple):
             return stretches_of(load, *span, longest, decay=rate, part=TURN)
         return stretches_of(load, *span, 1 / rate, decay=rate)
 
-    def problem(self, begin: Starts, grid: Stretches, stored: NDArray[np.int64] | None = None) -> IVP:
-        """Return the problem of the plan with a start; `stored`: the numbers of the stored steps."""
+    def problem(self, begin: Starts, grid: Stretches, stored: NDArray[np.int64] | None = None, **options: Any) -> IVP:
+        """Return the problem of the plan with a start; `stored`: the numbers of the stored steps; options of it."""
         if stored is None:
             stored = stored_steps(grid.steps, "end" if self.output_times is not None else self.store)
         if not self.off_grid:
@@ -189,6 +190,7 @@ class Plan(NamedTuple):
             memory=begin.memory,
             internal=internal_states(self.systems, self.load, begin, self.t_start),
             stretches=grid,
+            **options,
         )
 
 

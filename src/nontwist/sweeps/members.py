@@ -19,7 +19,6 @@ import hashlib
 import threading
 from collections.abc import Callable, Iterable
 from copy import deepcopy
-from dataclasses import replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -389,7 +388,7 @@ class Members:
         scale = 1.0 if scales is None else scales
         begin = starts(plan.systems, None, rotation, False, W, w, scale, file.start.project, plan.t_start, many=True)
         grid = plan.grid or stretched((plan.t_start, plan.t_end), (1,))
-        return plan.scheme, replace(plan.problem(begin, grid), observed=bool(self.sweep.reduce))
+        return plan.scheme, plan.problem(begin, grid, observed=bool(self.sweep.reduce))
 
     def _rotations(self, file: RunFile, values: Values, m: int) -> Rotation | Array:
         """Return the attitudes at the start, one or m, as `RunFile.arguments` has that of one member.

@@ -259,3 +259,8 @@ def test_a_jump_of_a_load_with_memory_is_named(derivative, moment, words):
         simulate(standard(J), t_end=6, material_angular_velocity=(-1, 0, 0), load=made)
     assert found.value.status == nt.errors.Status.JUMP
     assert words in str(found.value)
+    loop = nt.stepper(standard(J), 0.07, load=made, integrator="gauss")
+    loop.reset(material_angular_velocity=(-1, 0, 0))
+    with pytest.raises(nt.errors.SimulationError, match="jumps with the state") as failed:
+        [loop.step() for _ in range(100)]
+    assert (failed.value.status, failed.value.time) == (nt.errors.Status.JUMP, loop.time)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from itertools import pairwise
 from operator import itemgetter
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,6 +14,7 @@ from ..geometry.arrays import LARGEST, Array, as_number, as_positive
 from ..geometry.attitudes import directors
 from ..geometry.values import nearest, short_repr
 from ..integrators import DEFAULT, INTEGRATORS, IVP, Integrator
+from ..integrators.continuous import METHODS
 from ..integrators.costs import damping_at, damping_rate, largest_velocity, memory_rate
 from ..integrators.load_samples import carrier
 from ..integrators.load_samples import internal_states as first_states
@@ -124,7 +125,8 @@ class Plan(NamedTuple):
 
     def remark(self, begin: Starts, problem: IVP) -> str | None:
         """Return what the integrator says about the steps of a problem, or None."""
-        return self.scheme.remark(replace(problem, load=self.linearised(begin).load))
+        load = self.linearised(begin).load
+        return self.scheme.remark(problem if load is problem.load else replace(problem, load=load))
 
     def decay(self, begin: Starts) -> float:
         """Return the largest rate at which anything decays at a start, 1/s, about."""
@@ -166,8 +168,8 @@ class Plan(NamedTuple):
             return stretches_of(load, *span, longest, decay=rate, part=TURN)
         return stretches_of(load, *span, 1 / rate, decay=rate)
 
-    def problem(self, begin: Starts, grid: Stretches, stored: NDArray[np.int64] | None = None) -> IVP:
-        """Return the problem of the plan with a start; `stored`: the numbers of the stored steps."""
+    def problem(self, begin: Starts, grid: Stretches, stored: NDArray[np.int64] | None = None, **options: Any) -> IVP:
+        """Return the problem of the plan with a start; `stored`: the numbers of the stored steps; options of it."""
         if stored is None:
             stored = stored_steps(grid.steps, "end" if self.output_times is not None else self.store)
         if not self.off_grid:
@@ -188,6 +190,7 @@ class Plan(NamedTuple):
             memory=begin.memory,
             internal=internal_states(self.systems, self.load, begin, self.t_start),
             stretches=grid,
+            **options,
         )
 
 
@@ -321,7 +324,10 @@ def resolve_integrator(integrator: str | Integrator, order: int | None) -> Integ
             raise ValueError("an integrator given as an instance brings its order; leave order= out")
         return integrator
     if not isinstance(integrator, str) or integrator not in INTEGRATORS:
-        raise ValueError(f"unknown integrator {short_repr(integrator)}; {nearest(integrator, INTEGRATORS)}")
+        known = nearest(integrator, INTEGRATORS)
+        if isinstance(integrator, str) and (method := {one.lower(): one for one in METHODS}.get(integrator.lower())):
+            known = f"{method} of SciPy is integrators.Continuous({method!r}); {known}"
+        raise ValueError(f"unknown integrator {short_repr(integrator)}; {known}")
     scheme = INTEGRATORS[integrator]
     if order is None:
         return scheme()

@@ -143,7 +143,7 @@ class MemoryFunction(Memory):
         return f"{factor_in_words(record)}function {names}, {k} internal state{'s' * (k > 1)}"
 
 
-SPEEDS = np.logspace(-3, 4, 29)  # rad/s, at which friction is looked at
+SPEEDS = np.logspace(-3, 6, 37)  # rad/s, at which friction is looked at
 Function = Callable[..., Any]
 
 

@@ -36,7 +36,7 @@ LEVEL = 0.95
 APART = 3.0  # standard errors of the difference of two moments, below which their axes are not told apart
 WALL = 0.5  # of the trace: the largest moment of a flat body
 RESOLVED = 1e-6  # of the trace: a smaller change is lost in a solution that holds a moment
-FEWEST = 10.0  # effective samples of each number of the inertia
+FEWEST = 10.0  # effective samples of each number of the inertia, for intervals
 SEARCH, ACCURACY, CLOSE = 30, 0.01, 1e-3  # of a profile: trials, and how well it finds its level, and a multiplier
 
 
@@ -108,7 +108,7 @@ def told(solution: Solution, white: bool = False) -> Told:
     vectors = solution.problem.model.basis @ vectors[:, ::-1]
     smallest = np.linalg.eigvalsh(solution.unknowns.inertia)[0]
     if not (values[-1] * UNTOLD**2 > 1 and smallest > THIN):
-        wide = quantile(solution)
+        wide = quantile(solution, always=True)
         for k, w in enumerate(vectors.T):
             if values[k] * UNTOLD**2 > 1 and _rise_along(solution, w) < wide:
                 values[k] = 0.0
@@ -174,14 +174,16 @@ def covariance(found: Told) -> Array:
     return np.asarray(told + found.idle @ found.idle.T / LEAST)
 
 
-def quantile(solution: Solution) -> float:
+def has_intervals(solution: Solution) -> bool:
+    """Return whether enough samples count for intervals."""
+    return solution.slow_noise is None or solution.samples_each >= FEWEST
+
+
+def quantile(solution: Solution, always: bool = False) -> float:
     """Return how many standard errors the intervals have to each side; nan where too few samples count."""
     from scipy.special import stdtrit  # as `scipy.stats.t.ppf`, whose import takes a second
 
-    if solution.memory and solution.effective_samples < FEWEST:
-        return float("nan")
-    free = len(solution.problem) / solution.inflation - solution.problem.unknown - solution.problem.common
-    return float(stdtrit(max(free, 1), (1 + LEVEL) / 2))
+    return float(stdtrit(solution.freedom, (1 + LEVEL) / 2)) if always or has_intervals(solution) else np.nan
 
 
 def principal(solution: Solution, C: Array, size: float) -> Principal:

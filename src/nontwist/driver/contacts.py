@@ -239,7 +239,7 @@ class Contacts:
 def refusal(scheme: Integrator, problem: IVP) -> str | None:
     """Return why a problem is not accepted, for its dry friction or for the integrator's reasons; None if it is."""
     own = problem.load.frictions
-    if not scheme.splits_steps:
+    if problem.load.is_dry and not scheme.splits_steps:
         return SCHEMES.format("dry_friction" if own else "coulomb= of a wheel", scheme.name)
     if not own:
         is_free = problem.systems.spin is None or not problem.load.is_dry

@@ -404,7 +404,8 @@ def posed(
         The problem has what the function does not take, and does not leave `aside`.
     """
     own = keywords
-    system = SystemStack.of(system) if isinstance(system, Sequence) else system
+    if isinstance(system, Sequence) and not isinstance(system, str):
+        system = SystemStack.of(system)
     if isinstance(system, Problem):  # None takes away what it has, and the function does not take
         own = {name: x for name, x in keywords.items() if x is not None or name not in OfProblem.__annotations__}
     refuse_unknown(function, own, group)

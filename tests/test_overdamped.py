@@ -281,7 +281,7 @@ def test_a_velocity_about_a_slanted_axis():
     assert tilts[0] == pytest.approx(tilts[1], rel=1e-6, abs=0)
     assert (Rotation.from_quat(found[:4]).inv() * Rotation.from_quat(run.quaternion[-1])).magnitude() < 1e-9
     assert run.material_angular_velocity[-1] == pytest.approx(found[4:], rel=1e-6, abs=1e-12 * WEIGHT / c)
-    assert run.stretches.steps < 200
+    assert run.stretches.steps < (5000 if is_function else 200)
 
 
 @pytest.mark.parametrize("size", [0.1, 100.0])
@@ -295,7 +295,7 @@ def test_damping_alone(c, size, is_function):
     expected, turned = size * np.exp(-x), size * 4 / c * (1 - np.exp(-x))
     assert run.material_angular_velocity[:, 1] == pytest.approx(expected, abs=1e-8 * size)
     assert np.unwrap(2 * np.arctan2(run.quaternion[:, 1], run.quaternion[:, 3])) == pytest.approx(turned, abs=1e-8)
-    assert run.stretches.steps < 20_000
+    assert run.stretches.steps < (5000 if is_function else 200)
 
 
 @pytest.mark.parametrize(("viscous", "is_function"), [(1.0, False), (1e3, True)])

@@ -223,7 +223,12 @@ def first_step(plan: Plan, begin: Starts, pace: Pieces, swing: float) -> tuple[I
     longest = apart_shown(plan, pace, swing).values if plan.is_shown else np.inf
     waves = np.maximum(rates, 2 * pi * highest_frequency(plan.load))  # which low orders follow in many steps
     shares = lengths / span
-    best = min(plan.schemes, key=lambda one: float(shares @ (one.effort / np.minimum(steps(one, waves), longest))))
+
+    def cost(scheme: Integrator) -> float:
+        decays = 0.0 if len(lengths) == 1 else np.log2(span * plan.decay(begin)) / _resolving(plan, scheme, 1.0) / span
+        return float(shares @ (scheme.effort / np.minimum(steps(scheme, waves), longest)) + scheme.effort * decays)
+
+    best = min(plan.schemes, key=cost)
     found = steps(best, rates, LONGER if _order(best) <= LOW else 1.0)
     return best, pace._replace(values=np.minimum(found, longest))
 

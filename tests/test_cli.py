@@ -223,7 +223,7 @@ ENDS = {
         compare run.toml --integrator euler
         precision run.toml --set 'integrator.name="exact"'
         check spun.toml
-        check rubbed.toml --set 'integrator.name="lie-midpoint"'
+        check rubbed.toml --set 'integrator.name="split"'
         check rest.toml --set time.t_start=1.5
         check rest.toml --set 'start.run="no.nc"'
         check rest.toml --set 'start.run="rest.toml"'

@@ -141,6 +141,8 @@ def test_at_the_wall_an_interval_ends_where_bodies_are_flat():
     far = whole(throw(1, phone=False)[1])  # where the profile is the normal interval
     profile = to_the_wall(far.solution, quantile(far.solution), far.covariance)
     np.testing.assert_allclose(profile, far.principal.intervals[2], atol=2e-5)
+    run = nt.simulate(nt.standard([1, 2, 3]), t_end=2, material_angular_velocity=(0.1, 0.5, 1))  # flat, without noise
+    assert np.allclose(nt.fit_inertia(run).principal.intervals[2], 0.5, rtol=0, atol=1e-9)
 
 
 # What cannot be told
@@ -159,6 +161,9 @@ def test_steady_spin_tells_the_axis_and_no_moment(here):
     assert beyond_the_wall(fit.solution, fit.told) == 0
     by = entries(fit.untold[-1].matrix) * [1, 1, 1, 2, 2, 2]
     assert by @ fit.covariance @ by == pytest.approx(1e4)  # as moments are parts of their sum
+    run = nt.simulate(nt.standard([1, 1, 2]), t_end=2, material_angular_velocity=(5, 0.1, 0))
+    with pytest.warns(UserWarning, match="does not determine"):  # W3 is constant: no sensor is at its limit
+        assert len(nt.fit_inertia(run).untold) == 3
     with pytest.raises(ValueError, match="does not determine the whole inertia"):
         fit.problem()
     assert len(fit.plot().figure.axes) == 3

@@ -14,6 +14,7 @@ from conftest import or_long
 from covering.problems import BODIES, made_load, schemes
 from nontwist.engine import marching
 from nontwist.integrators import EnergyMomentum, gauss_newton
+from nontwist.integrators import marching as stack_marching
 from nontwist.integrators.compiled import Compiled
 from nontwist.integrators.stack_march import StackMarch
 from nontwist.integrators.stepping import in_threads
@@ -143,3 +144,41 @@ def test_blocks_make_a_span_and_the_first_exception_cancels_those_that_have_not_
     with pytest.raises(ValueError):  # noqa: PT011 - of the task
         in_threads(failing, (0, 1000), 1, threads, reported.append)
     assert len(begun) <= (1 if threads == 1 else 1 + threads)
+
+
+RUNS = [
+    ("heavy top", "none", {}),
+    ("standard", "drag", {"tolerance": 1e-6}),
+    ("suslov", "sum of all", {"integrator": "gauss", "order": 4}),
+    ("nontwisting", "body sine", {"times": [0.03, 0.1, 0.24]}),
+    ("nontwisting", "body sine", {"tolerance": 1e-3, "integrator": "energy-momentum"}),
+]
+
+
+@pytest.mark.parametrize(("body", "load", "how"), RUNS)
+def test_marches_that_are_kept_change_no_bit(body, load, how, monkeypatch):
+    acting = OWN.get(load) or made_load(load)
+    known = {"t_end": 0.25, "load": acting, "project": True, **how}
+
+    def bits(*W):
+        run = nt.simulate(BODIES[body](1.0), angular_velocity=W, **known)
+        return run.attrs["memory"], {name: run[name].values.tobytes() for name in run.variables}
+
+    starts = [(0.3, -0.2, 1.5), (0.3, -0.2, 1.4), (0.3, -0.2, 1.5)]
+    kept = [bits(*W) for W in starts]
+    with ThreadPoolExecutor(2) as pool:
+        assert list(pool.map(lambda W: bits(*W), starts)) == kept
+    monkeypatch.setattr(stack_marching, "KEPT_NODES", 0)
+    assert [bits(*W) for W in starts] == kept
+
+
+@pytest.mark.parametrize("how", [{}, {"step": 0.1}, {"times": [0.5, 1.0]}])
+def test_functions_in_python_are_called_anew_in_every_run(how):
+    gain = [1.0]
+    load = nt.body_moment(lambda t: np.array([gain[0] * np.cos(t), 0, 0]))
+
+    def turned():
+        return nt.integrate(nt.standard([3, 4, 5]), t_end=1, load=load, **how).material_angular_velocity[-1, 0]
+
+    once, gain[0] = turned(), 2.0
+    assert abs(turned() - 2 * once) <= 1e-9 * once

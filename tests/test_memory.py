@@ -12,7 +12,7 @@ from scipy.integrate import solve_ivp
 import nontwist as nt
 from conftest import cross
 from nontwist import integrate, memory_load, simulate, standard
-from nontwist.integrators import Gauss
+from nontwist.integrators import EnergyMomentum, Gauss, LieMidpoint
 from nontwist.loads import LOADS, Memory
 from nontwist.spec import Spec
 from nontwist.validation.conserved import AXIS, friction, reaction
@@ -20,6 +20,8 @@ from refusals import refused_as
 
 J, FIELD, START = np.array([1.0, 2.0, 3.0]), np.array([0.3, 0.2, 1.0]), np.array([0.5, 1.2, -0.4])
 Z0 = [0.1, -0.2]
+EXACT = EnergyMomentum(moments="exact")
+MIDPOINT = [(LieMidpoint(), False), (LieMidpoint(), True), (EnergyMomentum(), True), (EXACT, False), (EXACT, True)]
 RUN = {"t_end": 1, "step": 0.1}
 HOW = {"t_end": 4, "step": 0.1, "material_angular_velocity": START}
 
@@ -63,24 +65,26 @@ def end(run):
     return np.concatenate([run.directors[-1].ravel(), run.material_angular_velocity[-1], run.states.internal[-1]])
 
 
-@pytest.mark.parametrize(("order", "in_space"), [(2, False), (4, True), (6, False), (8, True)])
-def test_order(order, in_space):
+@pytest.mark.parametrize(
+    ("scheme", "in_space"), [(Gauss(2), False), (Gauss(4), True), (Gauss(6), False), (Gauss(8), True), *MIDPOINT]
+)
+def test_order(scheme, in_space):
     known, errors = reference(4), []
     made = memory_load(lags_in_space, pull, Z0, compiled=True) if in_space else load()
     for n in (32, 64):
-        run = integrate(standard(J), **HOW | {"step": 4 / n}, load=made, integrator=Gauss(order))
+        run = integrate(standard(J), **HOW | {"step": 4 / n}, load=made, integrator=scheme)
         errors.append(abs(end(run) - known).max())
-    assert np.log2(errors[0] / errors[1]) == pytest.approx(order, abs=0.25)
+    assert np.log2(errors[0] / errors[1]) == pytest.approx(scheme.order, abs=0.25)
 
 
 WHEEL = memory_load(friction, reaction, 0.4, frame="body", compiled=True)
 
 
-@pytest.mark.parametrize("order", [2, 8])
-def test_momentum_that_is_exchanged_is_kept(order):
+@pytest.mark.parametrize("scheme", [Gauss(2), Gauss(8), LieMidpoint(), EnergyMomentum(), EXACT])
+def test_momentum_that_is_exchanged_is_kept(scheme):
     """The total momentum of body and wheel over 2·10^3 steps, and K less the work."""
-    run = integrate(standard(J + 1), **HOW | {"t_end": 200, "load": WHEEL, "integrator": Gauss(order)})
-    total = run.rotation.apply((J + 1) * run.material_angular_velocity + run.states.internal * AXIS)
+    run = integrate(standard(J + 1), **HOW | {"t_end": 200, "load": WHEEL, "integrator": scheme})
+    total = run.observables("spatial_momentum")["spatial_momentum"] + run.rotation.apply(run.states.internal * AXIS)
     assert abs(total - total[0]).max() < 2e-14
     K = run.observables("kinetic_energy")["kinetic_energy"]
     assert abs(np.diff(K) - run.load_work).max() < 1e-14
@@ -154,7 +158,7 @@ def test_a_class_of_ones_own(monkeypatch):
     assert again.internal_state.item() == pytest.approx(2 - 2 * np.exp(-1.1), abs=1e-12)
 
 
-def followed(lag, order, unit=1.0, start=0.0):
+def followed(lag, scheme, unit=1.0, start=0.0):
     """A run with a state that follows a slow motion, and drives it, with this lag."""
 
     def follows(t, z, directors, W):
@@ -165,16 +169,16 @@ def followed(lag, order, unit=1.0, start=0.0):
 
     begin = unit * np.array([start, START[1]])
     made = memory_load(follows, weak, begin, scale=unit, frame="body", compiled=True)
-    return integrate(standard(J), **HOW, load=made, integrator=Gauss(order))
+    return integrate(standard(J), **HOW, load=made, integrator=scheme)
 
 
 @pytest.mark.filterwarnings("ignore:internal states of the load decay")
-@pytest.mark.parametrize(("order", "within"), [(2, 2e-3), (8, 1e-8)])
-def test_a_state_that_is_faster_than_the_steps(order, within):
+@pytest.mark.parametrize(("scheme", "within"), [(Gauss(2), 2e-3), (Gauss(8), 1e-8), (LieMidpoint(), 2e-3)])
+def test_a_state_that_is_faster_than_the_steps(scheme, within):
     """Newton's iteration, as the lag is a hundredth of the step."""
     lag = 1e-3
     slow = [(np.sin(t) - lag * np.cos(t)) / (1 + lag**2) for t in (0, 4)]
-    run = followed(lag, order, start=slow[0])
+    run = followed(lag, scheme, start=slow[0])
 
     def rates(t, W):
         return (np.array([0.1 * np.sin(t), -0.3 * W[1], 0.0]) - cross(W, J * W)) / J
@@ -213,10 +217,11 @@ test_refused_by_name = refused_as(
         lambda: memory_load(friction, lambda t, z, d, w: z, Z0, compiled=True),
         lambda: memory_load(lambda t, z, d, w: z[:1], reaction, Z0, compiled=True),
         lambda: memory_load(lambda t, z, d, w: z[0], reaction, 0.0, compiled=True),
-        lambda: nt.stepper(standard(J), 0.1, load=load()),
+        lambda: simulate(standard(J), **RUN, load=load(), integrator="split"),
         lambda: nt.sensitivities(standard(J), wrt="load_scale", **RUN, load=load()),
         lambda: simulate(standard(J), start=simulate(standard(J), **HOW, load=WHEEL), t_end=5, load=load()),
         lambda: load().moment(0, np.eye(3), np.zeros(3)),
+        lambda: simulate(standard(J), **RUN, load=load(), integrator=LieMidpoint(dissipation=1)),
     ]
 )
 
@@ -236,10 +241,11 @@ test_a_derivative_that_fails = divided(refused_as(FAILING, nt.errors.SimulationE
 
 
 @pytest.mark.filterwarnings("ignore:internal states of the load decay")
+@pytest.mark.parametrize("scheme", [Gauss(4), LieMidpoint()])
 @pytest.mark.parametrize(("lag", "unit"), [(1.0, 2.0**-20), (1.0, 2.0**20), (1e-3, 2.0**20)])
-def test_iterations_do_not_depend_on_the_unit_of_internal_states(lag, unit):
+def test_iterations_do_not_depend_on_the_unit_of_internal_states(lag, unit, scheme):
     """By fixed-point and by Newton's iteration, what is small is relative to z; only pivots depend on the unit."""
-    one, other = followed(lag, 4), followed(lag, 4, unit)
+    one, other = followed(lag, scheme), followed(lag, scheme, unit)
     assert np.array_equal(other.newton_iterations, one.newton_iterations)
     assert other.states.internal / unit == pytest.approx(one.states.internal, abs=2e-15)
     assert other.material_angular_velocity == pytest.approx(one.material_angular_velocity, abs=2e-15)
@@ -259,3 +265,8 @@ def test_a_jump_of_a_load_with_memory_is_named(derivative, moment, words):
         simulate(standard(J), t_end=6, material_angular_velocity=(-1, 0, 0), load=made)
     assert found.value.status == nt.errors.Status.JUMP
     assert words in str(found.value)
+    loop = nt.stepper(standard(J), 0.07, load=made, integrator="gauss")
+    loop.reset(material_angular_velocity=(-1, 0, 0))
+    with pytest.raises(nt.errors.SimulationError, match="jumps with the state") as failed:
+        [loop.step() for _ in range(100)]
+    assert (failed.value.status, failed.value.time) == (nt.errors.Status.JUMP, loop.time)

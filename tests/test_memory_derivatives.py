@@ -47,19 +47,21 @@ def loaded(beside="wheels", p=NUMBERS):
     return 0.5 * (own + nt.memory_load(branching, holding, [0.3], scale=[1], frame="body"))
 
 
-QUICK = [("wheels", "suslov", 8), ("memory in space", "standard", 8), ("memory in space", "top", 2)]
-QUICK += [("memory in the body", "suslov", 4)]
+QUICK = [("wheels", "suslov", "gauss 8"), ("memory in space", "standard", "gauss 8")]
+QUICK += [("memory in space", "top", "gauss 2"), ("memory in the body", "suslov", "gauss 4")]
+QUICK += [("memory in space", "top", "lie-midpoint 2"), ("wheels", "suslov", "lie-midpoint 2")]
 
 
 @pytest.mark.filterwarnings("ignore:the load .* runs in Python")
 @pytest.mark.parametrize(
-    ("beside", "body", "order"), or_long(QUICK, [("wheels", name, 8) for name in ("standard", "top")])
+    ("beside", "body", "scheme"), or_long(QUICK, [("wheels", name, "gauss 8") for name in ("standard", "top")])
 )
-def test_derivatives_are_those_of_differences(beside, body, order):
+def test_derivatives_are_those_of_differences(beside, body, scheme):
     """And the gradient their transpose. Of the axis of a wheel counts what is across it."""
     body, start = BODIES[body], {"material_angular_velocity": W0, "rotation": np.zeros(3), "duration": 0.5}
     own = {"inertia": body.inertia, "axis": body.axis, "dead_force": body.dead_force, "principal_inertia": np.zeros(3)}
-    wrt, how = [*START, "inertia", *NUMBERS], {"order": order, "integrator": "gauss", "h": 4e-4}
+    wrt, (name, order) = [*START, "inertia", *NUMBERS], scheme.split()
+    how = {"order": int(order), "integrator": name, "h": 4e-4}
     require_tangents(NUMBERS | start | own, partial(loaded, beside), wrt, 5, 5e-9, **how)
 
 
@@ -86,3 +88,8 @@ def test_adjoint_and_propagator_agree():
 def test_what_has_none_is_refused(body, load, wrt, words):
     with pytest.raises(ValueError, match=words):
         nt.sensitivities(body, t_end=1, step=0.1, material_angular_velocity=W0, load=load, wrt=wrt, project=True)
+
+
+def test_energy_momentum_has_none():
+    with pytest.raises(ValueError, match="energy-momentum has no derivatives under loads with memory; use gauss, or"):
+        nt.sensitivities(nt.standard(J), t_end=1, step=0.1, load=loaded(), wrt=START, integrator="energy-momentum")

@@ -3,6 +3,7 @@
 import mpmath as mp
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from nontwist import gravity_gradient, sensitivities, simulate, simulate_ensemble, standard
@@ -61,6 +62,22 @@ def test_forced_libration():
     d1 = run.directors.values[:, 0]
     swing = np.unwrap(np.arctan2(d1[:, 1], d1[:, 0])) - t
     assert abs(swing - forced * np.sin(t)).max() < 20 * small**2
+
+
+def test_planar_motion_of_hyperion():
+    """θ'' = -3/2 n² (B - A)/C (a/r)³ sin 2(θ - f) (Wisdom, Peale & Mignard 1984), by SciPy."""
+    e, t = 0.1, np.linspace(0, 4 * np.pi, 50)
+
+    def rates(_, y):
+        near = (1 + e * np.cos(y[2])) / (1 - e**2)  # a/r
+        return y[1], -1.5 * 0.264 * near**3 * np.sin(2 * (y[0] - y[2])), np.sqrt(1 - e**2) * near**2
+
+    truth = solve_ivp(rates, (0, t[-1]), (0.3, 1.2, 0.0), "DOP853", t, rtol=1e-13, atol=1e-13).y
+    how = {"rotation": Rotation.from_euler("z", 0.3), "material_angular_velocity": (0, 0, 1.2), "times": t}
+    run = simulate(HYPERION, load=gravity_gradient(n, eccentricity=e), tolerance=1e-11, **how)
+    d1 = run.directors.values[:, 0]
+    assert abs(np.unwrap(np.arctan2(d1[:, 1], d1[:, 0])) - truth[0]).max() < 1e-9
+    assert abs(run.material_angular_velocity.values - np.outer(truth[1], [0, 0, 1])).max() < 1e-9
 
 
 def test_perigee_is_when_and_where_it_is_said_to_be():

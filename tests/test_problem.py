@@ -76,6 +76,20 @@ def test_a_keyword_that_is_none_names_the_nearest():
     for function in (nt.simulate, nt.lyapunov, nt.propagator, nt.simulate_ensemble, Problem):
         with pytest.raises(TypeError, match=r"argument 't_endd'; did you mean t_end=\?"):
             function(BODY, t_endd=1)
+    for others, meant in {
+        "dt": "step",
+        "omega": "angular_velocity= or material_angular_velocity",
+        "method": "integrator",
+        "torque": "load",
+    }.items():
+        with pytest.raises(TypeError, match=rf"argument '{others}'; did you mean {meant}="):
+            nt.simulate(BODY, t_end=1, **{others: 1})
+    with pytest.raises(TypeError, match=r"argument 'zz'; it takes t_end, step"):
+        nt.simulate(BODY, t_end=1, zz=1)
+    with pytest.raises(
+        ValueError, match=r"unknown integrator 'rk45'; RK45 of SciPy is integrators.Continuous\('RK45'\)"
+    ):
+        nt.simulate(BODY, t_end=1, integrator="rk45")
     with pytest.raises(TypeError, match="unexpected keyword argument 'store'"):
         nt.lyapunov(PROBLEM, store=3)
 
@@ -209,14 +223,15 @@ def test_a_body_is_written_as_it_is_not_as_its_name_says(tmp_path):
 HEAD = '[body]\nkind = "standard"\ninertia = [3, 4, 5]\n[time]\nt_end = 2\nstep = 0.1\n[[load]]\nframe = "body"\n'
 
 
-def test_loads_that_last_as_the_run_does_keep_their_times(tmp_path):
+def test_a_constant_moment_of_a_file_lasts_as_long_as_any_run(tmp_path):
     path = tmp_path / "run.toml"
     path.write_text(HEAD + 'kind = "constant"\nmoment = [1, 0, 0]\n', encoding="utf-8")
     problem = Problem.read(path)
-    with pytest.raises(ValueError, match="begins or ends with the run"):
-        nt.simulate(problem, t_end=4)
-    longer = nt.simulate(Problem.read(path, ["time.t_end=4"]))
-    assert longer.material_angular_velocity[-1, 0] == pytest.approx(4 / 3)
+    problem.replace(load=0.5 * nt.constant((2, 0, 0))).write(tmp_path / "again.toml")
+    for other in (problem, Problem.read(tmp_path / "again.toml")):
+        longer = nt.simulate(other, t_end=4)
+        assert longer.material_angular_velocity[-1, 0] == pytest.approx(4 / 3)
+    assert 'kind = "constant"' in (tmp_path / "again.toml").read_text(encoding="utf-8")
 
 
 def test_files_beside_a_run_file_go_with_it(tmp_path):

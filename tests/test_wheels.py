@@ -19,6 +19,7 @@ AXES, INERTIAS = np.array([[1, 1, 0] / np.sqrt(2), [1, -1, 1] / np.sqrt(3)]), np
 KINKS = [1.0, 2.0, 4.0], [0.0, 0.5, 0.0]
 SKEW = nt.wheel((1, 1, 0), 0.2, speed=30, torque=0.1) + nt.wheel((1, -1, 1), 0.3, speed=-10, torque=KINKS)
 SCHEMES = [("gauss", 8), ("lie-midpoint", 2), ("energy-momentum", 2)]
+RUBBED = [("gauss", 4, True), ("lie-midpoint", 2, True), ("energy-momentum", 2, True)]
 BODIES = {"standard": nt.standard(J), "suslov": nt.suslov(J + 0.1, (1, 0, 1)), "top": nt.heavy_top(J, 1, (0, 0, 0.5))}
 
 
@@ -182,21 +183,21 @@ def test_run_files_name_what_cannot_be(load, words, write):
         read_run_file(write(text.format(load)))
 
 
-@pytest.mark.parametrize(("scheme", "order"), [*SCHEMES, ("gauss", 4)])
-def test_order_under_a_torque_that_changes_momentum_and_balances(scheme, order):
-    rubs, steps = order == 4, {2: (0.05, 0.025), 4: (0.25, 0.125), 8: (0.5, 0.25)}[order]
+@pytest.mark.parametrize(("scheme", "order", "rubs"), [*((*one, False) for one in SCHEMES), *RUBBED])
+def test_order_under_a_torque_that_changes_momentum_and_balances(scheme, order, rubs):
+    steps = {2: (0.05, 0.025), 4: (0.25, 0.125), 8: (0.5, 0.25)}[order]
     expected = reference(5.0, rubs=rubs)[0]
     how = {"t_end": 5, "material_angular_velocity": W0, "load": RUBBING if rubs else SKEW}
     runs = [nt.simulate(nt.standard(J), step=step, integrator=scheme, order=order, **how) for step in steps]
-    names = {"material_angular_velocity": slice(3), "wheel_work": slice(5, 7)}
-    for name, column in [*names.items()][: 1 if rubs else 2]:
+    names = {"material_angular_velocity": slice(3), "wheel_work": slice(5, 7), "wheel_loss": slice(7, None)}
+    for name, column in [*names.items()][: 1 if order == 4 else 2 + rubs]:
         errors = [abs(run[name].values[-1] - expected[column]).max() for run in runs]
         assert np.log2(errors[0] / errors[1]) == pytest.approx(order, abs=0.3 if rubs else 0.4)
     run = runs[0]
     assert nt.drifts(run)["total_momentum"].relative < 1e-14 * len(run.time)
-    if not rubs:
-        assert np.ptp((run.total_kinetic_energy - run.wheel_work.sum("wheel")).values) < 2e-13
-    between = nt.resample(run, [1.5, 3.21], **({} if order == 2 else {"load": how["load"]}))
+    gained = run.wheel_work - np.nan_to_num(run.wheel_loss)
+    assert np.ptp((run.total_kinetic_energy - gained.sum("wheel")).values) < 2e-13
+    between = nt.resample(run, [1.5, 3.21], **({"load": how["load"]} if rubs or order > 2 else {}))
     assert np.ptp([*between.total_momentum.values, run.total_momentum.values[0]], axis=0).max() < 1e-13
 
 
@@ -233,11 +234,12 @@ def test_free_wheel_is_a_rotor_of_constant_momentum_on_its_carrier():
     assert np.ptp(run.total_kinetic_energy.values) < 1e-12
 
 
-def test_torques_of_a_stepper_add_to_those_of_wheels_with_friction():
+@pytest.mark.parametrize(("scheme", "order", "_"), RUBBED)
+def test_torques_of_a_stepper_add_to_those_of_wheels_with_friction(scheme, order, _):
     """A factor multiplies the speed at first and the torque, and not friction."""
     table = nt.wheel("z", 0.3, 3, ([0, 1, 1.5], [0, 0.2, 0.4]))
     first, scaled = nt.wheel((1, 1, 0), 0.2, 2, spin_up, viscous=0.03), nt.wheel("y", 0.1, 1, 0.1, friction=drag)
-    how = {"step": 0.05, "integrator": "gauss", "order": 4}
+    how = {"step": 0.05, "integrator": scheme, "order": order}
     loop = nt.stepper(nt.standard(J), load=nt.damping(0.1) + table + first + 2 * scaled, **how)
     loop.reset(material_angular_velocity=W0)
     kept = [loop.step(wheel_torque=(0.1, -0.2, 0.05)) for _ in range(31)]
@@ -253,6 +255,28 @@ def test_torques_of_a_stepper_add_to_those_of_wheels_with_friction():
     assert loop.step(wheel_torque=(0.1, -0.2, 0.05)) == kept[30]
     loop.reset(start=run)
     assert loop.state.wheel_work == pytest.approx(run.wheel_work.values[-1], abs=1e-15)
+
+
+@pytest.mark.filterwarnings("ignore:.*does not resolve")
+@pytest.mark.parametrize("b", [0.05, 50])
+def test_a_viscous_wheel_in_steps_of_the_midpoint_rule(b):
+    """Ω' = -k Ω, k = b (1/I + 1/(J3 - I)), and W across turns at the rate H3/J1 - W3, H3 = (J3 - I) W3 + h."""
+    inertia, h, n, (J1, J3) = 0.2, 0.1, np.arange(31), (2.0, 3.0)
+    load, W = nt.wheel("z", inertia, 5, viscous=b), (0.3, -0.2, 0.7)
+    body, how = nt.standard([J1, J1, J3]), {"material_angular_velocity": W, "t_end": 30 * h}
+    run = nt.simulate(body, **how, step=h, load=load, integrator="lie-midpoint")
+    k, H = b * (1 / inertia + 1 / (J3 - inertia)), J3 * W[2] + inertia * 5
+    speed = 5 * ((2 - k * h) / (2 + k * h)) ** n
+    assert run.wheel_speed.values[:, 0] == pytest.approx(speed, abs=5e-14)
+    spin = (H - inertia * speed) / J3
+    middle = (spin[1:] + spin[:-1]) / 2
+    turned = np.append(0, np.cumsum(2 * np.arctan(h / 2 * (H / J1 - middle))))
+    across = (W[0] + 1j * W[1]) * np.exp(1j * turned)
+    expected = np.column_stack([across.real, across.imag, spin])
+    assert run.material_angular_velocity.values == pytest.approx(expected, abs=5e-14)
+    lost = (25 - speed**2) / 2 / (1 / inertia + 1 / (J3 - inertia))
+    assert run.wheel_loss.values[:, 0] == pytest.approx(lost, abs=5e-14)
+    assert np.ptp(run.total_momentum.values, axis=0).max() < 5e-14
 
 
 @pytest.mark.filterwarnings("ignore:.*off the grid")

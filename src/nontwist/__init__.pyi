@@ -36,6 +36,7 @@ from .io.results import open_run as open_run
 from .io.results import save_run as save_run
 from .loads import Load as Load
 from .loads import body_moment as body_moment
+from .loads import constant as constant
 from .loads import damping as damping
 from .loads import dipole as dipole
 from .loads import director_forces as director_forces

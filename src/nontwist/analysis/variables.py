@@ -75,8 +75,8 @@ def potential_energy(q: Array, system: DirectorSystem) -> Array:
 
 def orthonormality_defect(q: Array) -> Array:
     """Return the largest entry of ``|q qᵀ - I|``, (...)."""
-    x, y, z = q[..., 0], q[..., 1], q[..., 2]
-    products = ((i, j, x[..., i] * x[..., j] + y[..., i] * y[..., j] + z[..., i] * z[..., j]) for i, j in PAIRS)
+    x, y, z = np.moveaxis(q, (-1, -2), (0, 1))
+    products = ((i, j, x[i] * x[j] + y[i] * y[j] + z[i] * z[j]) for i, j in PAIRS)
     return np.maximum.reduce([abs(product - (i == j)) for i, j, product in products])
 
 
@@ -359,17 +359,16 @@ def observables(names: Iterable[str], systems: SystemStack, states: States, acti
         return {name: made[name]() for name in names}
     E, J, dead = systems.euler_inertia, systems.convected_inertia, systems.dead_force
     assert dead is not None
-    rows = entries(p)
-    q = np.moveaxis(rows, (1, 0), (-2, -1))
+    R, w = entries(p), W.transpose(2, 0, 1).copy()
+    q = R.transpose(2, 3, 1, 0)
     own = q if own_directors is None else own_directors[:, :, 0]
-    w = [*np.moveaxis(W, -1, 0).copy()]
-    Pi = [_dot([J[:, i, j, None] for j in range(3)], w) for i in range(3)]
+    Pi = _times(J.transpose(1, 2, 0)[..., None], w)
     K = _dot(w, Pi) / 2
     if wheels is not None:  # which do not change their shape
         E = E - wheels.euler_inertia
     if N is not None:
         z, normal_energy = _of_normal(E, w, N)
-        Pi, K = [Pi[i] + z[i] for i in range(3)], K + normal_energy
+        Pi, K = Pi + np.array(z), K + normal_energy
     n = np.array([[0.0, 0.0, 1.0]]) if systems.axis is None else systems.axis
     h = np.zeros(W.shape)
     if acting.rotors.rotors:
@@ -380,12 +379,10 @@ def observables(names: Iterable[str], systems: SystemStack, states: States, acti
         h, T = h + momentum, K + energy
     else:
         require_no_wheels(names)
-    whole = [Pi[i] + h[..., i] for i in range(3)]
 
     def potential_energy() -> Array:
-        f = dead[:, None]
-        terms = [_dot(*([x[..., i, j] for j in range(3)] for x in (f, q))) for i in range(3)]
-        V = -(terms[0] + terms[1] + terms[2])
+        x, y, z = _dot(dead.transpose(2, 1, 0)[..., None], R)
+        V = -(x + y + z)
         if held := acting.potentials.potentials:
             V = V + acting.scale[:, None] * sum(term.energy(q, acting.times) for term in held)
         return V
@@ -395,15 +392,15 @@ def observables(names: Iterable[str], systems: SystemStack, states: States, acti
         "director_velocities": lambda: (
             director_velocities(q, W, N) if own_directors is None else own_directors[:, :, 1]
         ),
-        "angular_velocity": lambda: np.stack([_dot(row, w) for row in rows], axis=-1),
-        "spatial_momentum": lambda: np.stack([_dot(row, Pi) for row in rows], axis=-1),
-        "material_momentum": lambda: np.stack(Pi, axis=-1),
+        "angular_velocity": lambda: _last(_times(R, w)),
+        "spatial_momentum": lambda: _last(_times(R, Pi)),
+        "material_momentum": lambda: _last(Pi),
         "kinetic_energy": lambda: K,
         "potential_energy": potential_energy,
-        "twist_rate": lambda: _dot([n[:, j, None] for j in range(3)], w),
+        "twist_rate": lambda: _dot(n.T[:, :, None], w),
         "orthonormality_defect": lambda: orthonormality_defect(own),
         "rotor_momentum": lambda: h,
-        "total_momentum": lambda: np.stack([_dot(row, whole) for row in rows], axis=-1),
+        "total_momentum": lambda: _last(_times(R, Pi + h.transpose(2, 0, 1))),
         "total_kinetic_energy": lambda: T,
     }
     made |= {name: partial(lambda array: array, array) for name, array in of_wheels.items()}
@@ -432,11 +429,23 @@ def observables_of_one(
     return {name: array[0] for name, array in found.items()}
 
 
-def _dot(a: list[Array], b: list[Array]) -> Array:
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+def _dot(a: Any, b: Any) -> Array:
+    """Return the scalar product of vectors (3, ...)."""
+    found: Array = a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+    return found
 
 
-def _of_normal(E: Array, w: list[Array], N: Array) -> tuple[list[Array], Array]:
+def _times(A: Array, x: Array) -> Array:
+    """Return the product of matrices (3, 3, ...) and vectors (3, ...)."""
+    return A[:, 0] * x[0] + A[:, 1] * x[1] + A[:, 2] * x[2]
+
+
+def _last(x: Array) -> Array:
+    """Return vectors (m, k, 3) whose components were along the first axis."""
+    return np.ascontiguousarray(x.transpose(1, 2, 0))
+
+
+def _of_normal(E: Array, w: Array, N: Array) -> tuple[list[Array], Array]:
     """Return z and W·z + ½ Σ (E N)_i·N_i."""
     A = [[N[..., PLACES[i][j]] for j in range(3)] for i in range(3)]
     EN = [[_dot([E[:, i, k, None] for k in range(3)], [A[k][j] for k in range(3)]) for j in range(3)] for i in range(3)]

@@ -15,7 +15,6 @@ round-off.
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -53,7 +52,7 @@ class Case(NamedTuple):
         plan = plan_of(self.problem, self.begin, integrator=scheme, t_end=grid.borders[-1], store="end")
         if not isinstance(store, np.ndarray):
             return Prepared(plan._replace(grid=grid, store=store), self.begin).run()
-        problem = replace(plan.problem(self.begin, grid, store), intervals=True)
+        problem = plan.problem(self.begin, grid, store, intervals=True)
         return trajectory(scheme, problem, completion.march(scheme, problem))
 
     @property

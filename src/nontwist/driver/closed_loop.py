@@ -469,7 +469,17 @@ class Stepper:
         return state
 
     def _error(self, failure: Failure) -> SimulationError:
-        start, k, h = self._state._start, self._state._steps, self.step_size
+        now, h = self._state, self.step_size
+        start, k = now._start, now._steps
+        if failure.status is Status.STALLED:
+            z = np.array([now.internal_state]) if now.internal_state else None
+            begin: dict[str, Any] = {
+                "quaternion": np.array([now._numbers[:4]]),
+                "velocity": np.array([now._numbers[4:7]]),
+            }
+            one = replace(self._single.stack, internal=z, t_start=now.time, t_end=now.time + h, **begin)
+            jump = completion.named_jump(self.integrator, one, failure._replace(step=0))
+            failure = jump._replace(step=k) if jump else failure
         grid = replace(self._single.stack, t_start=start, t_end=start + (k + 1) * h, steps=k + 1)
         message = failure_message(grid, failure)
         return SimulationError(message, int(failure.status), self._state._time, h, failure.residual)

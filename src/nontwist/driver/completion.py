@@ -27,6 +27,7 @@ from ..geometry.attitudes import States, attitudes, directors
 from ..geometry.values import number_text, vector_text
 from ..integrators.base import BEYOND_JUMPS, IVP, Failure, Integrator, Outcome, Status
 from ..integrators.load_samples import as_gyrostat, as_marched, of_locked, set_works_between, with_wheels, with_works
+from ..integrators.marching import Marched
 from ..integrators.problem import FIRST, OBSERVED, onward
 from ..integrators.stepping import one_by_one
 from ..loads.base import state_moment_at
@@ -73,6 +74,10 @@ def march(scheme: Integrator, problem: IVP, threads: int = 1) -> Outcome:
         outcome = rubbing.march(scheme, own, threads)
     else:
         outcome = unchecked(scheme, own, threads)
+    if in_kernels and problem.output_times is None and isinstance(done := outcome.march, Marched):
+        largest = max(1.0, abs(problem.systems.euler_inertia).max())
+        if largest * done.squares < SAFE and increases(done.march.march.stack):
+            return outcome
     if problem.observed and outcome.observed is None:
         outcome = outcome._replace(
             observed=np.stack([_observed(scheme, problem.member(i)) for i in range(len(problem))])
@@ -349,6 +354,8 @@ def _path(at: Contacts, t: float, p: Array, W: Array, z: Array) -> Callable[[flo
 
     def state(s: float) -> tuple[Array, Array, Array]:
         turned = attitudes(p) @ Rotation.from_rotvec(s * W + s * s / 2 * turning).as_matrix()
+        if not np.isfinite(turned).all():
+            raise ValueError("the attitude is not finite")
         return turned.T, W + s * turning, z + s * rates
 
     return state

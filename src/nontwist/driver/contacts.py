@@ -65,7 +65,7 @@ from .starts import BodyState
 
 TINY = float(np.finfo(np.float64).tiny)
 STILL = 1e-12  # of what moments accelerate a body by: nothing
-SCHEMES = "dry_friction needs an integrator that splits its steps, gauss or lie-midpoint; {} does not"
+SCHEMES = "{} needs an integrator that splits its steps, gauss or lie-midpoint; {} does not"
 SPIN = "dry_friction does not act on a body whose spin is prescribed; leave spin= out"
 WHEELS_SPIN = "coulomb= of a wheel does not act on a body whose spin is prescribed; leave spin= out, or use viscous="
 BEARINGS = "dry_friction against w does not act beside coulomb= of a wheel; give axis=, or leave one of the two out"
@@ -239,11 +239,11 @@ class Contacts:
 def refusal(scheme: Integrator, problem: IVP) -> str | None:
     """Return why a problem is not accepted, for its dry friction or for the integrator's reasons; None if it is."""
     own = problem.load.frictions
+    if not scheme.splits_steps:
+        return SCHEMES.format("dry_friction" if own else "coulomb= of a wheel", scheme.name)
     if not own:
         is_free = problem.systems.spin is None or not problem.load.is_dry
         return scheme.refusal(problem) if is_free else WHEELS_SPIN
-    if not scheme.splits_steps:
-        return SCHEMES.format(scheme.name)
     systems = problem.systems
     if systems.spin is not None:
         return SPIN

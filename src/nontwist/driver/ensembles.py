@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from contextlib import nullcontext
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Literal, Unpack
@@ -46,7 +46,7 @@ if TYPE_CHECKING:
 
 @takes(OfEnsemble, "variables", "reduce", "progress", "threads", "device", store="end")
 def simulate_ensemble(
-    system: DirectorSystem | SystemStack | Problem,
+    system: DirectorSystem | SystemStack | Sequence[DirectorSystem] | Problem,
     *,
     variables: str | Iterable[str] = ("quaternion", "material_angular_velocity"),
     reduce: str | Iterable[str] = (),
@@ -62,8 +62,8 @@ def simulate_ensemble(
 
     Parameters
     ----------
-    system : DirectorSystem, SystemStack or Problem
-        One body, or ``DirectorSystem.stack([...])`` of m; or a whole problem.
+    system : DirectorSystem, list of m, SystemStack or Problem
+        One body, or m, also as ``DirectorSystem.stack([...])``; or a whole problem.
     t_end, step, tolerance, t_start, scalar_first, load, integrator, order, times, project, progress
         As in `nontwist.simulate`, the same for all members. ``step=None``: a tolerance of 1e-8 with `gauss`; with other
         integrators no member turns by more than 0.05 rad per step, by a bound from its energy, and the load is
@@ -149,7 +149,7 @@ def simulate_ensemble(
         scheme, grid = first.scheme, finer(first.grid)
     if grid is None:
         grid = plan.automatic(begin, is_bound=True)
-    problem = replace(plan.problem(begin, grid), observed=bool(requested), on_gpu=on_gpu)
+    problem = plan.problem(begin, grid, observed=bool(requested), on_gpu=on_gpu)
     count = len(problem.stored_times)
     _require_memory(names, m, count)
     if scheme.is_compiled:
@@ -169,8 +169,8 @@ def simulate_ensemble(
             scheme, problem, outcome = found.scheme, found.problem, found.outcome
             kept = {"tolerance": goal, "error_estimate": estimate}
             if plan.output_times is not None:
-                own = plan._replace(scheme=scheme).problem(begin, problem.grid)
-                problem = replace(own, observed=bool(requested), on_gpu=on_gpu)
+                own = plan._replace(scheme=scheme)
+                problem = own.problem(begin, problem.grid, observed=bool(requested), on_gpu=on_gpu)
                 outcome = completion.march(scheme, problem, workers)
         else:
             problem = replace(problem, progress=report)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from itertools import pairwise
 from typing import Any, Literal, NamedTuple
 
@@ -95,6 +96,7 @@ def is_too_short(span: float, step: float) -> bool:
     return span / step >= MOST_STEPS + 0.5
 
 
+@lru_cache(maxsize=64)
 def require_resolution(t_start: float, t_end: float, grid: Stretches) -> None:
     """Raise a ValueError, with a valid step, when steps are so short that their nodes may coincide."""
     span, ends = t_end - t_start, abs(np.array(grid.borders))

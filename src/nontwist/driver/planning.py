@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from itertools import pairwise
 from operator import itemgetter
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,6 +14,7 @@ from ..geometry.arrays import LARGEST, Array, as_number, as_positive
 from ..geometry.attitudes import directors
 from ..geometry.values import nearest, short_repr
 from ..integrators import DEFAULT, INTEGRATORS, IVP, Integrator
+from ..integrators.continuous import METHODS
 from ..integrators.costs import damping_at, damping_rate, largest_velocity, memory_rate, slowest_damping
 from ..integrators.load_samples import carrier
 from ..integrators.load_samples import internal_states as first_states
@@ -128,7 +129,8 @@ class Plan(NamedTuple):
 
     def remark(self, begin: Starts, problem: IVP) -> str | None:
         """Return what the integrator says about the steps of a problem, or None."""
-        return self.scheme.remark(replace(problem, load=self.linearised(begin).load))
+        load = self.linearised(begin).load
+        return self.scheme.remark(problem if load is problem.load else replace(problem, load=load))
 
     def decay(self, begin: Starts) -> float:
         """Return the largest rate at which anything decays at a start, 1/s, about."""
@@ -200,8 +202,8 @@ class Plan(NamedTuple):
 
             raise ValueError(", or ".join(filter(None, [str(error), damped_steps(self, begin)]))) from None
 
-    def problem(self, begin: Starts, grid: Stretches, stored: NDArray[np.int64] | None = None) -> IVP:
-        """Return the problem of the plan with a start; `stored`: the numbers of the stored steps."""
+    def problem(self, begin: Starts, grid: Stretches, stored: NDArray[np.int64] | None = None, **options: Any) -> IVP:
+        """Return the problem of the plan with a start; `stored`: the numbers of the stored steps; options of it."""
         if stored is None:
             stored = stored_steps(grid.steps, "end" if self.output_times is not None else self.store)
         if not self.off_grid:
@@ -222,6 +224,7 @@ class Plan(NamedTuple):
             memory=begin.memory,
             internal=internal_states(self.systems, self.load, begin, self.t_start),
             stretches=grid,
+            **options,
         )
 
 
@@ -277,11 +280,6 @@ def fitting(load: Load, scheme: Integrator, systems: SystemStack) -> Load:
     """Return a load that knows the body; a ValueError where it does not go with integrator, bodies or friction."""
     load = known_body(load, systems)
     scheme.require_memory(load)
-    if load.frictions and load.remembering and not scheme.remembers:
-        raise ValueError(
-            f"{scheme.name} does not take dry_friction beside wheels and loads with memory; use gauss, which solves "
-            "for their states while the body rests"
-        )
     for k in range(len(systems)) if load.wheels else ():
         carrier(systems[k], load)
     return load
@@ -355,7 +353,10 @@ def resolve_integrator(integrator: str | Integrator, order: int | None) -> Integ
             raise ValueError("an integrator given as an instance brings its order; leave order= out")
         return integrator
     if not isinstance(integrator, str) or integrator not in INTEGRATORS:
-        raise ValueError(f"unknown integrator {short_repr(integrator)}; {nearest(integrator, INTEGRATORS)}")
+        known = nearest(integrator, INTEGRATORS)
+        if isinstance(integrator, str) and (method := {one.lower(): one for one in METHODS}.get(integrator.lower())):
+            known = f"{method} of SciPy is integrators.Continuous({method!r}); {known}"
+        raise ValueError(f"unknown integrator {short_repr(integrator)}; {known}")
     scheme = INTEGRATORS[integrator]
     if order is None:
         return scheme()

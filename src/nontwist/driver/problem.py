@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypedDict, TypeVar, Unpack
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..geometry.values import meant
 from ..integrators import DEFAULT, Integrator
 from ..loads import Load, Term, as_load
 from ..models.stack import SystemStack, stacked
@@ -149,12 +150,13 @@ def takes(group: type, *last: str, **defaults: Any) -> Callable[[F], F]:
 
 def refuse_unknown(function: str, keywords: Mapping[str, Any], group: type) -> None:
     """Raise a TypeError where a group has no such keyword."""
-    for name in keywords.keys() - group.__annotations__.keys():
+    known = group.__annotations__
+    for name in keywords.keys() - known.keys():
         from difflib import get_close_matches
 
-        near = get_close_matches(name, group.__annotations__, 1)
-        hint = f"; did you mean {near[0]}=?" if near else ""
-        raise TypeError(f"{function}() got an unexpected keyword argument {name!r}{hint}")
+        near = meant(name, known) or get_close_matches(name, known, 1, 0.65)
+        hint = f"did you mean {' or '.join(f'{one}=' for one in near)}?" if near else f"it takes {', '.join(known)}"
+        raise TypeError(f"{function}() got an unexpected keyword argument {name!r}; {hint}")
 
 
 class Problem:
@@ -241,7 +243,7 @@ class Problem:
             The times of a run file are changed whose loads begin and end with the run.
         """
         refuse_unknown("replace", changes, OfProblem)
-        given = changed(self, _kept(changes))
+        given = {**self.given, **_kept(changes)}
         kept = {key: value for key, value in given.items() if value is not None}
         return problem_with(self.system if system is None else system, kept)
 
@@ -328,16 +330,6 @@ class Problem:
         return forecast(prepared(self))
 
 
-def changed(problem: Problem, keywords: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the keywords of a problem with others; a ValueError where its file has loads that last as the run does."""
-    others = {"t_start", "t_end"} & keywords.keys()
-    if others and problem.file is not None and problem.file.has_lasting_loads:
-        raise ValueError(
-            "a load of the run file begins or ends with the run: set times by Problem.read(path, ['time.t_end=...'])"
-        )
-    return {**problem.given, **keywords}
-
-
 def prepared(problem: Problem) -> Prepared:
     """Return a problem made ready to run; errors as `simulate`."""
     if "load_scale" in problem.given:
@@ -396,7 +388,7 @@ def problem_with(system: DirectorSystem | SystemStack, given: Mapping[str, Any],
 
 def posed(
     function: str,
-    system: DirectorSystem | SystemStack | Problem,
+    system: DirectorSystem | SystemStack | Sequence[DirectorSystem] | Problem,
     keywords: Mapping[str, Any],
     group: type,
     aside: Collection[str] = ("store",),
@@ -412,12 +404,13 @@ def posed(
         The problem has what the function does not take, and does not leave `aside`.
     """
     own = keywords
+    system = SystemStack.of(system) if isinstance(system, Sequence) else system
     if isinstance(system, Problem):  # None takes away what it has, and the function does not take
         own = {name: x for name, x in keywords.items() if x is not None or name not in OfProblem.__annotations__}
     refuse_unknown(function, own, group)
     if not isinstance(system, Problem):
         return problem_with(system, {**defaults, **keywords})
-    found, known = changed(system, keywords), group.__annotations__.keys()
+    found, known = {**system.given, **keywords}, group.__annotations__.keys()
     found = {name: value for name, value in found.items() if name in known or value is not None}
     for name in found.keys() - known:
         if name not in aside:

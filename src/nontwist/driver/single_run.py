@@ -40,7 +40,7 @@ class PreparedPlan:
     """A plan with its grid laid out and its load sampled, ready for starts."""
 
     def __init__(self, plan: Plan, grid: Stretches) -> None:
-        problem = replace(plan.problem(AT_REST, grid), intervals=True)
+        problem = plan.problem(AT_REST, grid, intervals=True)
         self._march, self._terms, body = plan.scheme.prepared(problem), plan.load.description, plan.systems[0]
         # Damping and linear potentials are scaled when they are laid out: another factor needs another preparation.
         linear = any(term.dead_force is not None for term in plan.load.potentials)
@@ -107,8 +107,9 @@ def known(
     plan: Plan, begin: Starts, grid: Stretches, progress: bool = False, events: tuple[Event, ...] = ()
 ) -> PreparedPlan | None:
     """Return the prepared plan of a run that is so plain and small that it is kept; None for others."""
-    is_plain = begin.memory is None and begin.normal is None and begin.grid is None and plan.output_times is None
-    is_small = is_plain and not progress and not events and PreparedPlan.accepts(plan, grid, CACHED_NODES)
+    is_plain = all(x is None for x in (begin.memory, begin.normal, begin.grid, plan.output_times))
+    is_plain = is_plain and plan.load.is_immutable and not (progress or events)
+    is_small = is_plain and PreparedPlan.accepts(plan, grid, CACHED_NODES)
     return prepared if is_small and (prepared := _cached(plan, grid)).increases else None
 
 
@@ -148,7 +149,7 @@ def integrated(
 ) -> Trajectory:
     """Return the run on a grid; `marched`: its march without output times, where it is known."""
     if events:
-        problem = replace(plan.problem(begin, grid), intervals=True)
+        problem = plan.problem(begin, grid, intervals=True)
         found = march_to_events(plan.scheme, problem, events)
         return trajectory(plan.scheme, replace(problem, output_times=found.times), found.outcome, found)
     if prepared:
@@ -156,7 +157,7 @@ def integrated(
         if run is not None:
             return run
     with progress_bar(grid.steps) if progress else nullcontext() as report:
-        problem = replace(plan.problem(begin, grid), intervals=plan.means, progress=report, marched=marched)
+        problem = plan.problem(begin, grid, intervals=plan.means, progress=report, marched=marched)
         return trajectory(plan.scheme, problem, completion.march(plan.scheme, problem))
 
 
@@ -317,7 +318,8 @@ class Prepared:
             shown = stretches_of(plan.grid_load, plan.t_start, plan.t_end, longest)
             own = own._replace(output_times=plan.problem(begin, shown).stored_times)
         run = integrated(own, begin, steps.stretches, events=events, marched=march)
-        return replace(run, tolerance=steps.tolerance, error_estimate=steps.error_estimate, warning=steps.warning)
+        vars(run).update(tolerance=steps.tolerance, error_estimate=steps.error_estimate, warning=steps.warning)
+        return run
 
     def _controlled(self, progress: bool) -> tuple[Trajectory, Any]:
         """Return the run to a tolerance that finds the steps, and its march, in which outputs can be found."""
@@ -326,7 +328,8 @@ class Prepared:
             found, goal, error = controlled(own, self.begin, first=self.first, intervals=plan.means, progress=report)
         notices.warn_of_grid(plan.load, plan.systems, plan.t_start, plan.t_end, found.grid)
         run = trajectory(found.scheme, found.problem, found.outcome)
-        return replace(run, tolerance=goal, error_estimate=error), None if plan.load.wheels else found.outcome.march
+        vars(run).update(tolerance=goal, error_estimate=error)
+        return run, None if plan.load.wheels else found.outcome.march
 
     def _short_steps(self, progress: bool) -> tuple[Trajectory, None]:
         """Return the run that finds steps in which the body turns by at most 0.05 rad."""

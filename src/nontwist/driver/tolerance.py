@@ -39,10 +39,9 @@ found between the steps (`integrators.dense`), steps are as long as the toleranc
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import lru_cache
 from math import log, pi
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -106,11 +105,13 @@ class Trial(NamedTuple):
     @property
     def is_coarse(self) -> bool:
         """Whether steps are too long for a member."""
-        return bool(np.isin(self.outcome.failures[:, 0], COARSE).any())
+        return not self.done.all() and bool(np.isin(self.outcome.failures[:, 0], COARSE).any())
 
     @property
     def is_over(self) -> bool:
         """Whether shorter steps are of no use: it was interrupted, or the load jumps for every member."""
+        if self.done.all():
+            return False
         failures = self.outcome.failures[:, 0]
         return bool((failures == Status.INTERRUPTED).any() or (failures == Status.JUMP).all())
 
@@ -144,9 +145,8 @@ def controlled(
     """
 
     def run(scheme: Integrator, grid: Stretches, stored: NDArray[np.int64] | None, start: Starts = begin) -> Trial:
-        task = replace(plan._replace(scheme=scheme).problem(start, grid, stored), on_gpu=on_gpu)
-        if stored is None:
-            task = replace(task, **options)
+        more = options if stored is None else {}
+        task = plan._replace(scheme=scheme).problem(start, grid, stored, on_gpu=on_gpu, **more)
         return Trial(scheme, grid, task, completion.march(scheme, task, threads))
 
     goal, floor, (scheme, pace, h, grid, swing) = plan.goal, None, first or first_run(plan, begin)
@@ -157,7 +157,7 @@ def controlled(
     gyration = gyration_rate(plan.systems, plan.load, plan.t_start, plan.t_end)
     for _ in range(ROUNDS):
         if coarse is None:
-            coarse = run(scheme, grid, _samples(plan, grid))
+            coarse = run(scheme, grid, _samples(grid, plan.store))
         if floor is None and not (coarse.is_coarse or coarse.is_over):
             other = run(scheme, coarse.grid, np.array([0, coarse.grid.steps]), moved(begin))
             floor = _distance(coarse, other, ends=True) / LARGER
@@ -329,6 +329,7 @@ def damped_steps(plan: Plan, begin: Starts) -> str:
     return f"the integrator gauss without step=, which takes about {grid.steps} steps of up to {grid.longest:.1g} s"
 
 
+@lru_cache(maxsize=64)
 def finer(grid: Stretches) -> Stretches:
     """Return a grid with at least 3/2 as many steps in each stretch."""
     counts = np.diff(grid.numbers)
@@ -351,10 +352,11 @@ def _partners(grid: Stretches, fine: Stretches, numbers: NDArray[np.int64]) -> t
     return shared, found[shared]
 
 
-def _samples(plan: Plan, grid: Stretches) -> NDArray[np.int64]:
+@lru_cache(maxsize=64)
+def _samples(grid: Stretches, store: int | Literal["end"]) -> NDArray[np.int64]:
     """Return the nodes of a coarse run that its finer run stores as well, and some for the size of W."""
     fine = finer(grid)
-    shared = _partners(grid, fine, stored_steps(fine.steps, plan.store))[1]
+    shared = _partners(grid, fine, stored_steps(fine.steps, store))[1]
     some = np.linspace(0, grid.steps, min(SAMPLES, grid.steps) + 1).astype(np.int64)
     return distinct(np.concatenate([shared, some]))
 
@@ -374,7 +376,8 @@ def _distance(a: Trial, b: Trial, slowest: float = 0.0, ends: bool = False) -> f
     good = a.done & b.done
     if not good.any():
         return 0.0
-    (p, W, *_, z), (q, V, *_, y) = a.outcome.states.part(good), b.outcome.states.part(good)
+    every = slice(None) if good.all() else good
+    (p, W, *_, z), (q, V, *_, y) = a.outcome.states.part(every), b.outcome.states.part(every)
     p, q = p[:, i], q[:, k]
     p = np.where((p * q).sum(axis=2, keepdims=True) < 0, -p, p)
     angle = 4 * np.arcsin(np.minimum(np.sqrt(np.square(p - q).sum(axis=2)) / 2, 1.0))

@@ -17,6 +17,8 @@ from ..kernels.elements import any_of, select
 from ..kernels.kernel import part
 from ..kernels.memory import View, call, doubles, fields, vector_at
 from ..kernels.vectors import Matrix, Quaternion, Symmetric, Vector, attitude, cross, first_moment, sum_of, taxicab
+from .generalised import without_turn
+from .internal import respond
 from .records import FORCES, Body, Found, Parts, StateCall, Work
 from .workspace import turned_into
 
@@ -74,7 +76,21 @@ class Functions(NamedTuple):
         """Return the moment in b for the averaged directors of a step and the velocity w."""
         s = 1.0 / (1.0 + a @ a)
         self.evaluate(Matrix(*(mean(s, -a, row) for row in self.R)), w, a)  # the rows of Λ_m = R M are Mᵀ R_i
-        return self.found("total") @ self.R
+        if not self.parts.memory:
+            return self.found("total") @ self.R
+        zero = self.remember((1.0 + a @ a) * w if self.parts.is_director_scheme else w)
+        return Vector(*(x + zero for x in self.found("total") @ self.R))
+
+    def remember(self, W: Vector) -> Any:
+        """Add what loads with memory give at Ω to what was found; return NaN where it cannot be found, else 0."""
+        parts, b, state = self.parts, self.block, View(StateCall, self.scratch)
+        moment, along, zero = respond(parts, b, state, b.step[1] * (self.x.body.basis @ W))
+        along = along @ state.directors
+        if parts.is_director_scheme and not parts.is_exact:
+            along = 2.0 * without_turn(state.directors, along)
+        for name in ("total", "load"):
+            setattr(self.x.found, name, getattr(self.x.found, name) + (moment + along))
+        return zero
 
     def load(self, total: Vector) -> Vector:
         """Return the part of the moment `total`, found last, that is of the load and not of potentials."""

@@ -253,7 +253,7 @@ class Task:
         """Return some samples of a recording; a ValueError where they cannot be fitted."""
         t, y = one.time[rows], one.rates[rows]
         require_turning(model, t, y, one.name)
-        if one.has_gyroscope:
+        if one.has_gyroscope and one.is_read:
             require_unsaturated(t, y, one.name)
         self.gyroscope.require_short(y)
         quaternions = None if one.quaternions is None else one.quaternions[rows]
@@ -300,7 +300,8 @@ class Task:
         try:
             return Search(seen, replace(model, oriented=False), self.plain, self.is_brief).found()
         except NoMotionError as error:
-            require_unsaturated(one.time, one.rates, one.name)
+            if one.is_read:
+                require_unsaturated(one.time, one.rates, one.name)
             raise NoMotionError(f"{one.name}: {error}") from error
 
     def what_fits(self, model: Model) -> str:

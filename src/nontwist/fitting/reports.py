@@ -11,7 +11,7 @@ from ..geometry.attitudes import ENTRIES
 from .estimating import UNLIKELY
 from .measuring import IDEAL, PLACES, UNITS
 from .shooting import STRAY
-from .telling import FEWEST, quantile
+from .telling import has_intervals, quantile
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -26,7 +26,15 @@ SCALES = {
 ROTOR = "by the known momentum of the rotor; J of the body with the rotor held"
 OPPOSITE = ", or opposite: a gyroscope does not determine the sign"
 DAMPING = {"": "s⁻¹, of the sum of the moments", "m": "m/s, of m|c|", "kg m²": "N m s"}
-QUALITY = ("attitude_noise", "correlation", "is_white", "misfit", "is_explained", "cross_validation")
+QUALITY = (
+    "attitude_noise",
+    "correlation",
+    "effective_samples",
+    "is_white",
+    "misfit",
+    "is_explained",
+    "cross_validation",
+)
 SHARE = 0.5  # of the second moments along the centre: what an unknown mass takes of them
 
 
@@ -49,6 +57,11 @@ def _vector(v: Any) -> str:
     return f"({', '.join(f'{x:.4f}' for x in v)})"
 
 
+def _direction(v: Any, tilt: float) -> str:
+    """Return a direction with the half-width of its interval, rad."""
+    return f"{_vector(v)} ± {np.degrees(tilt):.2g}°" if np.isfinite(tilt) else f"{_vector(v)}, without an interval"
+
+
 def rows(fit: Fit) -> dict[str, str]:
     """Return the table of a fit."""
     found, model, at = fit.principal, fit.solution.problem.model, fit.solution.unknowns
@@ -65,20 +78,20 @@ def rows(fit: Fit) -> dict[str, str]:
         for k in range(2):
             told[f"J{k + 1} / J3"] = _number(found.ratios[k], found.ratio_intervals[k])
         for k, (axis, tilt) in enumerate(zip(found.axes.T, found.tilts, strict=True)):
-            is_told = np.isfinite(tilt)
-            told[f"axis {k + 1}"] = f"{_vector(axis)} ± {np.degrees(tilt):.2g}°" if is_told else "undetermined"
+            is_lost = np.isnan(tilt) and has_intervals(fit.solution)
+            told[f"axis {k + 1}"] = "undetermined" if is_lost else _direction(axis, tilt)
     told["intervals"] = "95 %"
     told["scale"] = ROTOR if model.wheel is not None and model.pivot is None else SCALES[fit.unit]
     if model.pivot is not None:
         n, tilt = fit.centre
-        how = f" ± {np.degrees(tilt):.2g}°{OPPOSITE}" if "centre" in model.places else ", as given"
-        told["centre of mass"] = f"along {_vector(n)}{how}"
+        is_fitted = "centre" in model.places
+        told["centre of mass"] = f"along {_direction(n, tilt) + OPPOSITE if is_fitted else _vector(n) + ', as given'}"
     if model.constraint is not None:
         held = _vector(model.constraint)
         told["constraint"] = f"W·n = 0, n = {held}; the moment of inertia about n does not affect the motion"
     if model.wheel is not None:
         axis, tilt = fit.rotor_axis
-        about = f" about {_vector(axis)} ± {np.degrees(tilt):.2g}°" if "axis" in model.places else ""
+        about = f" about {_direction(axis, tilt)}" if "axis" in model.places else ""
         factor = f", times {model.factor(at.more):.5f}" if "factor" in model.places else ""
         noise = max(one.speed.noise for one in fit.solution.problem.stretches if one.speed is not None)
         momentum = f"momentum up to {abs(at.speeds).max() * model.wheel.inertia:.4g} kg m² s⁻¹{about}{factor}"
@@ -92,9 +105,7 @@ def rows(fit: Fit) -> dict[str, str]:
     if fit.has_gyroscope:
         told |= {"bias": f"{_vector(fit.bias)} rad/s", "gyroscope scale": f"{fit.scale:.5f}"}
         told |= {name.replace("_", " "): text for name in PLACES if (text := _error(fit, name))}
-    white = "white" if fit.is_white else f"not white: the intervals {_wide(fit)}"
-    if fit.solution.memory and fit.solution.effective_samples < FEWEST:
-        white = f"so slow that {fit.solution.effective_samples:.2g} samples count: no intervals"
+    white = "white" if fit.is_white else f"not white: {_wide(fit)}"
     if not fit.is_explained:
         white = f"{fit.misfit:.3g} times the noise: not to be trusted"
     size = [f"{fit.noise:.3g} rad/s"] * fit.has_gyroscope + [f"{np.degrees(fit.attitude_noise):.3g}°"] * model.oriented
@@ -214,7 +225,7 @@ def worth(fit: Fit) -> list[str]:
         )
     elif not fit.is_white:
         said.append(
-            f"the residuals are not white (correlation of neighbours {fit.correlation:.2f}): the intervals "
+            f"the residuals are not white (correlation of neighbours {fit.correlation:.2f}): "
             f"{_wide(fit)}; its noise is slow, the sensor filters, something moves in the body, or the air acts "
             "(--damping, damping=)"
         )
@@ -227,7 +238,11 @@ def worth(fit: Fit) -> list[str]:
 
 
 def _wide(fit: Fit) -> str:
-    return "allow for it" if fit.solution.memory else "are too narrow"
+    if fit.solution.slow_noise is None:
+        return "the intervals are too narrow"
+    if has_intervals(fit.solution):
+        return "the intervals allow for it"
+    return f"only {fit.effective_samples:.2g} of {fit.residual.size} samples count: no intervals"
 
 
 def drawn(fit: Fit, recording: int) -> Axes:

@@ -16,11 +16,10 @@ from . import reports
 from .estimating import whole
 from .measuring import BIAS, PLACES, SCALE
 from .shooting import EXACT, MISFIT, WHITE, correlation, new_of, scatter_of, scatter_of_attitudes
-from .solving import Solution, solve
+from .solving import TINY, Solution, solve
 from .telling import UNTOLD, Direction, Principal, Told, covariance, directions, principal, quantile, told
 
 TOLD = 0.5  # of what was known of an error of the gyroscope: a fit that leaves more does not tell it
-TINY = 1e-6  # of the speed: residuals of a recording without noise
 
 
 if TYPE_CHECKING:
@@ -269,6 +268,15 @@ class Fit:
         """Scales of the single axes, (3,), in addition to the common scale, and their 95 % intervals, (3, 2)."""
         return self._error("axis_scales")
 
+    @property
+    def effective_samples(self) -> float:
+        """As how many residuals of white noise tell how large the noise is: fewer where it is slow.
+
+        Intervals are nan below ten for each number of the inertia, where every other number that is fitted takes up
+        one.
+        """
+        return self.solution.effective_samples
+
     @cached_property
     def correlation(self) -> float:
         """Correlation of neighbouring residuals; about 0 ± 1/√(3n) for white residuals.
@@ -280,8 +288,11 @@ class Fit:
 
     @property
     def is_white(self) -> bool:
-        """Whether neighbouring residuals are uncorrelated within 5 standard errors, or negligibly small."""
-        return all(
+        """Whether neighbouring residuals are uncorrelated within 5 standard errors, or negligibly small.
+
+        Those of a gyroscope must also be as likely under white noise as where a part of it is slow.
+        """
+        return self.solution.slow_noise is None and all(
             one.size == 0 or np.sqrt((one**2).mean()) < TINY * size or abs(correlation(one)) < WHITE / np.sqrt(one.size)
             for one, size in ((self.solution.left_over, self._speed), (self.solution.turned_by, 1.0))
         )

@@ -15,13 +15,15 @@ import numpy as np
 
 from ..geometry.arrays import Array
 from .motions import RunawayError
-from .shooting import WHITE, Residuals, Rows, Shooting, Unknowns, correlation, lengths, residuals, stacked
+from .shooting import Residuals, Rows, Shooting, Unknowns, lengths, residuals, stacked
+from .slow_noise import SlowNoise, noise_of_residuals
 
 FINE = 1e-8  # of cost and unknowns, relative
 CALLS, PATIENT = 40, 3000  # trials of a stage, and of what is returned: valleys may be long
 HELD = 1e6  # weight of what is held
 SINGULAR = 1e-12  # of the information: none
-MOST = 0.9999  # correlation
+TINY = 1e-6  # of the speed: residuals of a recording without noise
+LOST = 1e-10  # of the largest singular value: none
 FAR = 1e6  # residual of a motion that is none
 
 
@@ -51,14 +53,6 @@ def inverse(A: Array, rcond: float = 1e-12) -> Array:
     """Return the pseudo-inverse of a positive semidefinite matrix of which the scales of rows differ."""
     size = np.sqrt(np.maximum(A.diagonal(), 1e-300))
     return np.asarray(np.linalg.pinv(A / np.outer(size, size), rcond=rcond, hermitian=True) / np.outer(size, size))
-
-
-def smeared(x: Array, phi: float) -> Array:
-    """Return ``Σ_j φ^|i - j| x_j`` along the first axis."""
-    from scipy.signal import lfilter
-
-    ahead, behind = (lfilter([1.0], [1.0, -phi], y, axis=0) for y in (x, x[::-1]))
-    return np.asarray(ahead + behind[::-1] - x)
 
 
 @dataclass(frozen=True)
@@ -121,55 +115,81 @@ class Solution:
 
     @cached_property
     def trusted(self) -> Array:
-        """The same where noise is as correlated as the residuals are, in no direction more than of white noise."""
+        """The same where noise is as slow as the residuals show, in no direction more than of white noise."""
         from scipy.linalg import eigh
 
         white = self.information
-        if self.memory == 0:
+        if self.slow_noise is None:
             return white
-        values, vectors = eigh(self._scatter, white + SINGULAR * np.trace(white) * np.eye(len(white)))
+        scatter = white @ self.of_inertia(self.slow_noise.covariance) @ white
+        values, vectors = eigh(scatter, white + SINGULAR * np.trace(white) * np.eye(len(white)))
         both = white @ vectors
         return np.asarray(both / np.maximum(values, 1.0) @ both.T)
 
     @cached_property
-    def memory(self) -> float:
-        """The correlation φ of neighbouring residuals of the gyroscope, 0 where they are white.
+    def unit(self) -> Array:
+        """Unknowns, J along the basis first, by those in which white noise has the covariance 1."""
+        A = self.weighted[1]
+        scale = np.maximum(np.linalg.norm(A, axis=0), 1e-300)
+        _, sizes, V = np.linalg.svd(A / scale, full_matrices=False)
+        told = sizes > LOST * sizes[0]
+        return np.asarray(V[told].T / sizes[told] / scale[:, None])
 
-        That of residuals is less than that of noise, as the fit takes up what is slow, by about
-        ``(1 + 3 φ + unknowns)/n``, n samples of an axis (Kendall 1954, of a mean that is fitted).
-        """
-        left = self.left_over
-        if len(left) < 2 or abs(phi := correlation(left)) < WHITE / np.sqrt(left.size):
-            return 0.0
-        taken = (1 + 3 * phi + (self.problem.unknown + self.problem.common) / 3) / len(left)
-        return float(np.clip(phi + taken, -MOST, MOST))
+    @property
+    def of_columns(self) -> Array:
+        """The same of all unknowns, with the six entries of J."""
+        return np.concatenate([self.problem.model.basis @ self.unit[: self.own], self.unit[self.own :]])
 
     @cached_property
-    def _scatter(self) -> Array:
-        """The covariance of the derivatives of the cost by J, where noise goes on as φ^|i - j|, all else eliminated."""
-        _, A = self.weighted
-        k, found, basis = self.own, self.information, self.problem.model.basis
-        others = np.linalg.lstsq(A[:, k:], A[:, :k], rcond=1e-12)[0]
-        for row in self.residuals.rates:
-            _, whole = stacked([row], self.problem.columns)
-            own = (whole[:, :6] @ basis - whole[:, 6:] @ others).reshape(-1, 3, k)
-            found = found + np.einsum("nai,naj->ij", own, smeared(own, self.memory) - own)
-        times = float(np.trace(np.linalg.pinv(self.information, rcond=1e-12, hermitian=True) @ found)) / k
-        n, p = len(self.problem), self.problem.unknown  # the fit takes up more of the variance than of white noise
-        return np.asarray(found * (n - p) / max(n - times * p, n / 10))
+    def slow_noise(self) -> SlowNoise | None:
+        """The noise of the gyroscope where neighbouring residuals are correlated; None where it is white."""
+        problem, found, by = self.problem, self.residuals, self.of_columns
+        if not np.linalg.norm(self.left_over) > TINY * np.linalg.norm(problem.data):
+            return None
+        soft = problem.loss == "soft_l1"  # whose derivative is what is correlated then
+        recordings = [
+            np.column_stack([A @ by[columns], r / np.sqrt(1 + r**2) if soft else r]).reshape(-1, 3, by.shape[1] + 1)
+            for r, A, columns in found.rates
+        ]
+        _, others = stacked([*found.attitudes, *found.beside], problem.columns)
+        return noise_of_residuals(recordings, others @ by)
+
+    def of_inertia(self, covariance: Array) -> Array:
+        """Return the covariance of J along the basis."""
+        return np.asarray(self.unit[: self.own] @ covariance @ self.unit[: self.own].T)
+
+    def _times(self, covariance: Array) -> float:
+        """Return how many times as large as under white noise variances of J are, on average."""
+        return float(np.trace(self.information @ self.of_inertia(covariance))) / self.own
 
     @cached_property
     def inflation(self) -> float:
         """How many times larger variances are than under white noise."""
-        if self.memory == 0:
-            return 1.0
-        inverse = np.linalg.pinv(self.information, rcond=1e-12, hermitian=True)
-        return max(float(np.trace(inverse @ self._scatter)) / len(inverse), 1.0)
+        return 1.0 if self.slow_noise is None else max(self._times(self.slow_noise.covariance), 1.0)
+
+    @cached_property
+    def effective_samples(self) -> float:
+        """As how many numbers of white noise tell the variance of the inertia."""
+        if self.slow_noise is None:
+            return float(len(self.problem))
+        slow, phi = self._times(self.slow_noise.part) / self._times(self.slow_noise.covariance), self.slow_noise.phi
+        return len(self.problem) / (slow**2 * (1 + phi**2) / (1 - phi**2) + (1 - slow) ** 2)
 
     @property
-    def effective_samples(self) -> float:
-        """As how many samples of white noise the data count for a number of the inertia."""
-        return len(self.problem) / self.inflation
+    def samples_each(self) -> float:
+        """The same for each number of the inertia, where every other unknown takes up one."""
+        return (self.effective_samples - self.fitted + self.own) / self.own
+
+    @property
+    def freedom(self) -> float:
+        """Degrees of freedom of the variances."""
+        free = self.effective_samples - self.fitted
+        return max(free if self.slow_noise is None else free / 4, 1.0)
+
+    @property
+    def fitted(self) -> int:
+        """How many numbers are fitted."""
+        return self.problem.unknown + self.problem.common
 
     @cached_property
     def beside(self) -> Array:

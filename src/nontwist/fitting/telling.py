@@ -35,7 +35,8 @@ LINEAR = 0.02  # of the trace: a standard error up to which the problem is linea
 LEVEL = 0.95
 APART = 3.0  # standard errors of the difference of two moments, below which their axes are not told apart
 WALL = 0.5  # of the trace: the largest moment of a flat body
-FEWEST = 10.0  # effective samples of each number of the inertia
+RESOLVED = 1e-6  # of the trace: a smaller change is lost in a solution that holds a moment
+FEWEST = 10.0  # effective samples of each number of the inertia, for intervals
 SEARCH, ACCURACY, CLOSE = 30, 0.01, 1e-3  # of a profile: trials, and how well it finds its level, and a multiplier
 
 
@@ -107,7 +108,7 @@ def told(solution: Solution, white: bool = False) -> Told:
     vectors = solution.problem.model.basis @ vectors[:, ::-1]
     smallest = np.linalg.eigvalsh(solution.unknowns.inertia)[0]
     if not (values[-1] * UNTOLD**2 > 1 and smallest > THIN):
-        wide = quantile(solution)
+        wide = quantile(solution, always=True)
         for k, w in enumerate(vectors.T):
             if values[k] * UNTOLD**2 > 1 and _rise_along(solution, w) < wide:
                 values[k] = 0.0
@@ -173,14 +174,16 @@ def covariance(found: Told) -> Array:
     return np.asarray(told + found.idle @ found.idle.T / LEAST)
 
 
-def quantile(solution: Solution) -> float:
+def has_intervals(solution: Solution) -> bool:
+    """Return whether enough samples count for intervals."""
+    return solution.slow_noise is None or solution.samples_each >= FEWEST
+
+
+def quantile(solution: Solution, always: bool = False) -> float:
     """Return how many standard errors the intervals have to each side; nan where too few samples count."""
     from scipy.special import stdtrit  # as `scipy.stats.t.ppf`, whose import takes a second
 
-    if solution.memory and solution.effective_samples < FEWEST:
-        return float("nan")
-    free = len(solution.problem) / solution.inflation - solution.problem.unknown - solution.problem.common
-    return float(stdtrit(max(free, 1), (1 + LEVEL) / 2))
+    return float(stdtrit(solution.freedom, (1 + LEVEL) / 2)) if always or has_intervals(solution) else np.nan
 
 
 def principal(solution: Solution, C: Array, size: float) -> Principal:
@@ -204,7 +207,7 @@ def principal(solution: Solution, C: Array, size: float) -> Principal:
     for i, j in ((0, 1), (0, 2), (1, 2)):
         gap, apart = values[j] - values[i], by[j, j] - by[i, i]
         tilt = wide * np.sqrt(by[i, j] @ C @ by[i, j]) / max(gap, 1e-300)
-        tilt = tilt if gap > APART * np.sqrt(apart @ C @ apart) else np.nan
+        tilt = tilt if gap > APART * np.sqrt(max(apart @ C @ apart, 0.0)) else np.nan
         tilts[[i, j]] = np.maximum(tilts[[i, j]], tilt)
     ratios = values[:2] / values[2]
     slopes = [by[k, k] / values[2] - values[k] / values[2] ** 2 * by[2, 2] for k in range(2)]
@@ -264,6 +267,8 @@ def to_the_wall(solution: Solution, wide: float, C: Array) -> Array:
     at = solution.unknowns
     best, by = largest(at.inertia)
     error, room = wide * float(np.sqrt(by @ C @ by)), WALL - best
+    if error < RESOLVED:
+        return np.array([best - error, min(best + error, WALL)])
 
     def beyond(value: float) -> float:
         if value == best:

@@ -75,7 +75,7 @@ def as_floats(value: ArrayLike, name: str, ndmin: int = 0) -> Array:
     if kind in _REFUSED and (kind != "O" or getattr(value, "dtype", None) is array.dtype):
         raise ValueError(f"{name} {_REFUSED[kind].format(name=name)}")
     if kind not in "fiubO":
-        raise ValueError(f"{name} must be an array of numbers, got {short_repr(value)}")
+        raise ValueError(f"{name} must consist of numbers, got {short_repr(value)}")
     if kind == "O":
         array = _of_objects(array, name)
     if array.dtype.itemsize > 8:  # extended precision: overflow gives infinity
@@ -90,7 +90,7 @@ def as_plain(value: Any, name: str) -> NDArray[Any]:
         masked = _masked(value)
         array = np.asarray(0.0 if masked else in_order(value) if hasattr(value, "dims") else value)
     except Exception as error:  # conversions of foreign objects raise exceptions of any kind
-        raise ValueError(f"{name} must be an array of numbers, got {short_repr(value)}") from error
+        raise ValueError(f"{name} must consist of numbers, got {short_repr(value)}") from error
     if masked:
         raise ValueError(f"{name} has masked values; np.ma.filled({name}, number) puts a number in their place")
     return array

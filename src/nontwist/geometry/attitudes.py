@@ -88,13 +88,13 @@ def directors(quaternion: Array) -> Array:
 def director_velocities(q: Array, W: Array, N: Array | None) -> Array:
     """Return the velocities of the directors `q`, rows of (..., 3, 3), for W (..., 3) and N (..., 6)."""
     x, y, z = np.moveaxis(W, -1, 0)
-    o = np.zeros_like(x)
-    V = np.array([[o, z, -y], [-z, o, x], [y, -x, o]])  # rows W × e_i
+    V = np.zeros((3, 3, *x.shape))  # rows W × e_i
+    V[0, 1], V[0, 2], V[1, 0], V[1, 2], V[2, 0], V[2, 1] = z, -y, -z, x, y, -x
     if N is not None:
         V = V + np.moveaxis(N, -1, 0)[PLACES]
-    components = np.moveaxis(q, (-2, -1), (0, 1)).copy()
-    found = [row[0, None] * components[0] + row[1, None] * components[1] + row[2, None] * components[2] for row in V]
-    return np.ascontiguousarray(np.moveaxis(np.array(found), (0, 1), (-2, -1)))
+    d = np.moveaxis(q, (-2, -1), (0, 1)).copy()
+    found = V[:, 0, None] * d[0] + V[:, 1, None] * d[1] + V[:, 2, None] * d[2]
+    return np.ascontiguousarray(np.moveaxis(found, (0, 1), (-2, -1)))
 
 
 def states_of(q: Array, v: Array) -> tuple[Array, Array, Array]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 from collections import UserDict
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from numbers import Integral
 from pathlib import Path
 from typing import Any, TypeVar
@@ -58,6 +58,7 @@ def short_repr(value: Any) -> str:
     """Return `value` for a message, in at most 80 characters, whatever it is."""
     try:
         text = repr(value)
+        text = " ".join(text.split()) if "\n" in text else text
     except Exception:  # as for whole numbers with more than 4300 digits
         text = f"a value of type {type(value).__name__}"
     return text if len(text) <= _LONGEST_REPR else f"{text[: _LONGEST_REPR - 3]}..."
@@ -98,6 +99,28 @@ def counted(number: int, noun: str) -> str:
 def vector_text(values: Iterable[float], scale: float = 1.0) -> str:
     """Return numbers, times `scale`, in four digits: "(1, −0.5, 0)"."""
     return f"({', '.join(f'{scale * float(x):.4g}' for x in values)})".replace("-", "−")
+
+
+ALIASES = {  # names of other programs
+    "angular_velocity": "omega omega0 w w0 velocity",
+    "material_angular_velocity": "omega omega0 W W0 Omega velocity",
+    "rotation": "attitude orientation quaternion quat q q0 R R0",
+    "step": "dt h step_size time_step timestep max_step",
+    "t_end": "duration tspan t_span T tmax t_max t_final tf",
+    "times": "t t_eval",
+    "tolerance": "tol rtol atol",
+    "load": "torque moment force",
+    "integrator": "method solver scheme",
+    "name": "solver",
+    "inertia": "J I",
+    "mass": "m",
+    "gravity": "g",
+}
+
+
+def meant(word: str, known: Collection[str] = ALIASES) -> list[str]:
+    """Return the known words by which a word of other programs may be meant."""
+    return [ours for ours, others in ALIASES.items() if word in others.split() and ours in known]
 
 
 def guess(word: Any, known: Iterable[str], quote: str = "") -> str:

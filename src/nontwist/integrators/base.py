@@ -162,7 +162,8 @@ class Integrator:
         if load.memories and not self.remembers:
             are_wheels = any(isinstance(one, Wheel) for one in load.memories)
             what = "wheels with friction, or a torque that is a function" if are_wheels else "loads with memory"
-            raise ValueError(f"{self.name} does not take {what}; use gauss, which solves for their states")
+            name = self.name + " with dissipation" * bool(getattr(self, "dissipation", 0.0))
+            raise ValueError(f"{name} does not take {what}; use gauss, which solves for their states")
 
     def remark(self, problem: IVP) -> str | None:
         """Return a warning about the step of a run of this problem, or None."""

@@ -51,6 +51,7 @@ AGAINST_DAMPING = "; the integrator gauss takes damped modes in long steps"
 TURNS = {  # rad that a free body turns in a step are a rtol^(1/p), as measured: a, p
     "RK23": (3.0, 3), "RK45": (3.5, 5), "DOP853": (4.2, 9), "Radau": (3.1, 4), "BDF": (0.63, 7), "LSODA": (0.36, 10),
 }  # fmt: skip
+METHODS = tuple(TURNS)
 RESOLVED = 0.3  # rad of a sine in the longest step that resolves it
 STABLE = {"RK23": 2.5, "RK45": 3.3, "DOP853": 6.3}  # z: of explicit methods, |R(-z)| ≤ 1 on the real axis
 NO_MOMENT = np.zeros(3)
@@ -101,8 +102,8 @@ class Continuous(Integrator):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if not among(self.method, tuple(TURNS)):
-            raise ValueError(f"method must be one of {', '.join(TURNS)}; got {short_repr(self.method)}")
+        if not among(self.method, METHODS):
+            raise ValueError(f"method must be one of {', '.join(METHODS)}; got {short_repr(self.method)}")
         if not among(self.form, ("split", "director")):
             raise ValueError(f"form must be 'split' or 'director', got {short_repr(self.form)}")
         for name in ("rtol", "atol"):

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cache, lru_cache
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -164,8 +164,8 @@ def slowest_damping(systems: SystemStack, load: Load, scale: Array = ONE) -> Arr
     """
     if not load.damping.any():
         return np.zeros(len(systems))
-    (basis, moments), turning = _body_axes(systems), _free_axes(systems)
-    basis, root = basis[:, :, turning], np.sqrt(moments[:, turning])
+    axes, turning = _body_axes(systems), _free_axes(systems)
+    basis, root = axes.basis[:, :, turning], np.sqrt(axes.moments[:, turning])
     C = basis.mT @ ((load.damping + load.damping.T) / 2) @ basis / (root[:, :, None] * root[:, None, :])
     return np.maximum(np.linalg.eigvalsh(np.reshape(scale, (-1, 1, 1)) * C)[:, 0], 0.0)
 
@@ -210,7 +210,8 @@ def largest_velocity(
         Let slender bodies turn about their own axis as fast as the energy allows: a solver whose state is the spatial
         momentum meets this rate, as it turns errors of the attitude into such velocities.
     """
-    basis, moments = axes = _body_axes(systems)
+    axes = _body_axes(systems)
+    moments = axes.moments
     smallest = moments[:, _free_axes(systems)].min(axis=1)
     impulse, largest = 0.0, 0.0
     if load.terms:
@@ -236,22 +237,20 @@ def largest_velocity(
     slowest = slowest_damping(systems, load, scale)
     if slowest.any() and systems.spin is None and not (is_bound and load.potentials):
         free = _free_axes(systems)
-        driven = np.linalg.norm(_pulls(systems, basis)[:, free] / np.sqrt(moments[:, free]), axis=1)
+        driven = np.linalg.norm(axes.pulls[:, free] / np.sqrt(moments[:, free]), axis=1)
         driven = driven + abs(scale) * (largest + potential_range(load)) / np.sqrt(smallest)
         with np.errstate(divide="ignore", invalid="ignore"):
             energy = np.fmin(energy, np.maximum(2 * K, np.square(driven / slowest)))
     reached = np.sqrt(energy / smallest)
     is_driven = load.potentials or load.rotors or (is_bound and load.frictions)
     if systems.axis is None and not (by_energy or is_driven):
-        reached = np.minimum(reached, _of_slender(axes, systems, W, load, energy, t_end - t_start, scale, impulse))
+        reached = np.minimum(reached, _of_slender(axes, W, load, energy, t_end - t_start, scale, impulse))
     return float(np.hypot(reached.max(), spin))
 
 
-def _of_slender(
-    axes: Any, systems: SystemStack, W: Array, load: Load, energy: Array, span: float, scale: Array, impulse: float
-) -> Array:
+def _of_slender(axes: Axes, W: Array, load: Load, energy: Array, span: float, scale: Array, impulse: float) -> Array:
     """Return what |w| can reach where about the axis of the smallest moment W only grows by moments; `energy`: 2 K."""
-    basis, moments = axes
+    basis, moments, pulls = axes
     order, rows = np.argsort(moments, axis=1), np.arange(len(moments))
     thin, middle, large = np.take_along_axis(moments, order, axis=1).T
     along, across = basis[rows, :, order[:, 0]], np.sqrt(energy / middle)
@@ -260,7 +259,7 @@ def _of_slender(
     drag = abs(scale) * np.linalg.norm(damped, axis=1) * across
     coupled = (large - middle) * energy / (2 * np.sqrt(large * middle))
     slowed = np.maximum(scale * np.sum((along @ load.damping) * along, axis=1), thin * 1e-300)
-    driven = coupled + _pulls(systems, basis)[rows, order[:, 0]] + drag
+    driven = coupled + pulls[rows, order[:, 0]] + drag
     gained = np.minimum(span, thin / slowed) * driven + abs(scale) * impulse
     return np.hypot(abs(np.sum(along * W, axis=1)) + gained / thin, across)
 
@@ -270,10 +269,9 @@ def swing_rate(systems: SystemStack, load: Load, scale: Array = ONE) -> float:
 
     Damped at the rate ρ > 2ω, ``x'' + ρ x' + ω² x = 0`` does not swing but creeps, at ω²/(ρ/2 + sqrt(ρ²/4 - ω²)).
     """
-    basis, moments = _body_axes(systems)
-    pulls = _pulls(systems, basis) + np.reshape(abs(scale) * potential_range(load) / 2, (-1, 1))
-    turning = _free_axes(systems)
-    squares = pulls[:, turning] / moments[:, turning]
+    axes, turning = _body_axes(systems), _free_axes(systems)
+    pulls = axes.pulls + np.reshape(abs(scale) * potential_range(load) / 2, (-1, 1))
+    squares = pulls[:, turning] / axes.moments[:, turning]
     half = slowest_damping(systems, load, scale)[:, None] / 2
     rates = np.where(half**2 > squares, half + np.sqrt(np.maximum(half**2 - squares, 0.0)), np.sqrt(squares))
     return float(np.divide(squares, rates, out=np.zeros_like(squares), where=squares > 0).max())
@@ -296,15 +294,25 @@ def gyration_rate(systems: SystemStack, load: Load, t_start: float, t_end: float
     return float(abs(np.linalg.eigvals(np.linalg.solve(J, np.broadcast_to(across, J.shape)))).max())
 
 
-def _body_axes(systems: SystemStack) -> tuple[Array, Array]:
-    """Return the axes of each body, columns, (m, 3, 3), and the moments of inertia about them, (m, 3)."""
+class Axes(NamedTuple):
+    """The axes of bodies."""
+
+    basis: Array  # (m, 3, 3) columns
+    moments: Array  # (m, 3) of inertia about them
+    pulls: Array  # (m, 3) N m, the largest moments of gravity about them: f^i has none about d_i
+
+
+def _body_axes(systems: SystemStack) -> Axes:
+    """Return the axes of each body."""
     return _axes_of_one(systems) if len(systems) == 1 else _axes_of(systems)
 
 
-def _axes_of(systems: SystemStack) -> tuple[Array, Array]:
+def _axes_of(systems: SystemStack) -> Axes:
     basis, E, M = frames(systems)
     e = E[:, range(3), range(3)]
-    return basis, (e.sum(axis=1, keepdims=True) - e) * M[:, None]
+    moments = (e.sum(axis=1, keepdims=True) - e) * M[:, None]
+    across = np.sqrt(np.maximum(1 - np.square(basis), 0.0))  # |E_i × b_k|
+    return Axes(basis, moments, (np.linalg.norm(systems.dead_force, axis=2)[:, :, None] * across).sum(axis=1))
 
 
 _axes_of_one = lru_cache(maxsize=64)(_axes_of)
@@ -313,12 +321,6 @@ _axes_of_one = lru_cache(maxsize=64)(_axes_of)
 def _free_axes(systems: SystemStack) -> slice:
     """Return which axes the bodies can turn about: a constrained one is the last."""
     return slice(None if systems.axis is None else 2)
-
-
-def _pulls(systems: SystemStack, basis: Array) -> Array:
-    """Return the largest moments of gravity about the axes of each body, N m, (m, 3): f^i has none about d_i."""
-    across = np.sqrt(np.maximum(1 - np.square(basis), 0.0))  # |E_i × b_k|
-    return (np.linalg.norm(systems.dead_force, axis=2)[:, :, None] * across).sum(axis=1)
 
 
 def _with_spin(systems: SystemStack, W: Array, moments: Array) -> tuple[Array, float]:

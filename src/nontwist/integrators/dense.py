@@ -18,11 +18,6 @@ from ..geometry.arrays import Array, distinct
 from ..geometry.attitudes import States
 from ..kernels import machine_code
 from ..loads import Load
-from ..loads.base import tables_as_moments
-from ..loads.memory import Wheel
-from ..loads.potentials import Potential
-from ..loads.terms import Damping, Momentum
-from ..models.stack import SystemStack
 from .compiled import Compiled
 from .expansion import LARGEST_MISMATCH, RUN, output_kernel
 from .marching import PreparedMarch, intervals_in, states_in
@@ -146,8 +141,9 @@ class PreparedDense:
     the same start, once it is asked for.
     """
 
-    def __init__(self, problem: IVP, dense: Dense) -> None:
-        self._problem, self._dense, self._march = problem, dense, PreparedMarch(dense.march)
+    def __init__(self, problem: IVP, dense: Dense, march: PreparedMarch | None = None) -> None:
+        self._problem, self._dense, self.skipped = problem, dense, dense.skipped
+        self._march = march or PreparedMarch(dense.march)
         self._unit, self._slab = float(dense.march.bodies[0, BODY.unit]), slab_layout(dense.shapes)
         self._threads = PerThread(self._workspace)
 
@@ -165,26 +161,30 @@ class PreparedDense:
         found, squares, fastest = self._march(p, W, scale)
         if not squares < inf:
             return found, squares, fastest
-        nodes, factor, memory, between = self._threads.own
-        nodes[:], factor[0] = found, scale / self._unit
-        if not between.find():
+        if (arrays := self.outputs(found, scale)) is None:
             found, squares, fastest = self._substeps(p, W, scale)
             return (found, None, ()), squares, fastest
-        return (found, memory.copy(), (tuple(p), tuple(W), scale)), squares, fastest
+        return (found, arrays, (tuple(p), tuple(W), scale)), squares, fastest
+
+    def outputs(self, found: Array, scale: float) -> dict[str, Array] | None:
+        """Return the arrays of outputs from the numbers that a prepared march has found; None where nodes are apart."""
+        nodes, factor, memory, between = self._threads.own
+        nodes[:], factor[0] = found, scale / self._unit
+        return views(memory.copy(), self._slab) if between.find() else None
 
     def read(self, found: Any) -> dict[str, Any]:
         """Return the states of a run from what a call has found; its `_read` returns the rest."""
-        nodes, memory, start = found
-        if memory is None:
+        nodes, arrays, start = found
+        if arrays is None:
             return self._substeps.read(nodes)
-        states = states_in(views(memory, self._slab), self._dense.skipped).part(0)
+        states = states_in(arrays, self.skipped).part(0)
         return {"states": states, "_read": lambda: self._summing.sums(self._summing(*start)[0])}
 
     def sums(self, found: Any) -> dict[str, Any]:
         """Return what a call has found beside the states."""
-        nodes, memory, _ = found
+        nodes, arrays, _ = found
         march = self._dense.march
-        means = intervals_in(march, views(memory, self._slab), self._dense.skipped).of_one
+        means = intervals_in(march, arrays, self.skipped).of_one
         return means | {"memory": nodes[march.slab["states"][0]] * march.factors[0]}
 
     def _workspace(self) -> tuple[Array, Array, Array, Between]:
@@ -218,14 +218,3 @@ def polynomials(load: Load, parts: Parts, begin: Array, length: Array, unit: flo
         slope *= unit / length[:, None, None, None, None] * np.array([1.0, -1.0])[:, None, None, None]
         both = np.concatenate([both, slope], axis=2)
     return np.ascontiguousarray(both), degree
-
-
-def can_expand(systems: SystemStack, load: Load) -> bool:
-    """Whether the equations can be run on series: nothing that acts is a function of the state."""
-    return (systems.spin is None or systems.spin.is_constant) and all(
-        term.kind in ("body", "space")
-        or isinstance(term, Damping | Momentum)
-        or (isinstance(term, Wheel) and term.is_driven)
-        or (isinstance(term, Potential) and term.dead_force is not None)
-        for term in tables_as_moments(load).terms
-    )

@@ -144,6 +144,7 @@ class EnergyMomentum(Dissipative):
 
     name: ClassVar[str] = "energy-momentum"
     is_director_scheme: ClassVar[bool] = True
+    remembers: ClassVar[bool] = True
     orders: ClassVar[tuple[int, ...]] = (2,)
     substep_ns: ClassVar[float] = 300.0
     sources: ClassVar[Mapping[str, str]] = {
@@ -229,7 +230,7 @@ def step(nodes: Nodes, state: State, is_active: Any) -> Step:
     X = Matrix(*(Mt @ row for row in Y))
     N_next = tuple(n + x for n, x in zip(state.auxiliary, symmetric_part(X), strict=True))
     found = midpoint_step(state, a, 0.5 * first_moment(X), N_next, solution)
-    return multipliers(nodes, start, found, a, s, Y, Mt, loads) if parts.needs_means else found
+    return multipliers(nodes, start, found, a, s, Y, Mt, loads) if parts.needs_means or parts.memory else found
 
 
 TEXT = Text(step, auxiliary=6, is_midpoint=True)

@@ -163,9 +163,7 @@ class Gauss(Compiled):
 
     def has_series(self, systems: SystemStack, load: Load) -> bool:
         """Whether its nodes lie on one trajectory, nearly, and the equations between them can be run on series."""
-        from .dense import can_expand
-
-        return self.order > 2 and can_expand(systems, load)
+        return self.order > 2 and load.is_series and (systems.spin is None or systems.spin.is_constant)
 
     def lag(self, theta: float) -> float:
         """Return the error of a step for the turn `theta` of a steady rotation, rad, where it integrates rows.

@@ -129,6 +129,11 @@ class LieMidpoint(Dissipative):
         "invariant": "Simo & Wong 1991; nontwist.integrators.lie_midpoint",
     }
 
+    @property
+    def remembers(self) -> bool:  # type: ignore[override]
+        """Whether it takes loads with memory: not with dissipation, which needs the momentum of wheels as T does."""
+        return not self.dissipation
+
     def text(self, motion: str) -> Text:
         """Return the text of the step."""
         return TEXT
@@ -180,7 +185,7 @@ def step(nodes: Nodes, state: State, is_active: Any) -> Step:
     Om = velocity_in_step(nodes, loads, P + z)
     solution = solution._replace(residual=2.0 * solution.residual)  # as of P, which changes by 2z
     found = midpoint_step(state, f * Om, 2.0 * z, auxiliary, solution)
-    return with_means(nodes, loads, found, P, z, Om, axial) if parts.needs_means else found
+    return with_means(nodes, loads, found, P, z, Om, axial) if parts.needs_means or parts.memory else found
 
 
 def velocity_in_step(nodes: Nodes, loads: Loads, Q: Vector) -> Vector:

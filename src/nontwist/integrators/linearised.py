@@ -99,6 +99,8 @@ def scheme_of(integrator: Integrator, load: Load, with_memory: bool = False) -> 
             "with loads with memory, friction of wheels among them, only sensitivities, gradient and propagators have "
             "derivatives; take differences of runs, or a load without memory"
         )
+    if load.memories and integrator.is_director_scheme:
+        raise ValueError(f"{integrator.name} has no derivatives under loads with memory; use gauss, or lie-midpoint")
     return integrator
 
 

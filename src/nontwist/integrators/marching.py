@@ -16,9 +16,10 @@ a run with a load in space has the same bits. Of a body with wheels it is the st
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import partial
+from functools import lru_cache, partial
+from math import inf
 from struct import Struct
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -29,7 +30,7 @@ from ..geometry.arrays import Array
 from ..geometry.attitudes import States
 from ..loads import Load
 from ..loads.memory import Wheel
-from ..models.stack import stacked
+from ..models.stack import SystemStack, stacked
 from ..models.system import DirectorSystem
 from .compiled import Compiled
 from .load_samples import COMMANDED, WIDTHS, beside_chord, carrier, commanded, wheel_columns, work_of
@@ -38,9 +39,10 @@ from .stack_march import SAME, StackMarch, listed, march_of
 from .stepping import PerThread
 
 NONE = np.zeros(0)
+KEPT_NODES = 2**11  # at most, of marches that are kept
 
 if TYPE_CHECKING:
-    from .dense import Dense
+    from .dense import Dense, PreparedDense
 
 
 def dense_of(problem: IVP, scheme: Compiled) -> Dense | None:
@@ -56,6 +58,8 @@ def march(problem: IVP, threads: int, scheme: Compiled, can_be_dense: bool = Tru
     """March a stack; a member that fails keeps its good states."""
     if not scheme.is_director_scheme:
         problem = on_constraint(problem)
+    if can_be_dense and (known := _by_kept_march(problem, scheme)) is not None:
+        return known
     dense = dense_of(problem, scheme) if can_be_dense else None
     todo = march_of(problem, scheme) if dense is None else dense.march
     common, end = None, None
@@ -96,9 +100,69 @@ def march(problem: IVP, threads: int, scheme: Compiled, can_be_dense: bool = Tru
     return Outcome(states, good, failures, reasons, intervals, observed, carried, end, kept)
 
 
+class Marched(NamedTuple):
+    """A run by a march that is kept: the march, its factor of the load, the numbers found, the sum of their squares."""
+
+    march: PreparedMarch
+    scale: float
+    numbers: Array
+    squares: float
+
+
+def _by_kept_march(problem: IVP, scheme: Compiled) -> Outcome | None:
+    """Return the outcome of a plain run, whose march is laid out once for all starts; None for others, and failures."""
+    load, grid, known, done = problem.load, problem.grid, problem.output_times, problem.marched
+    if isinstance(done, Marched):
+        if known is None or not scheme.has_series(problem.systems, load):
+            return None
+        dense = _kept_outputs(done.march, known.tobytes(), problem.intervals)
+        found, first = dense.outputs(done.numbers, done.scale), dense.skipped
+        if found is None:
+            return march(problem, 1, scheme, False)
+        arrays = found
+    else:
+        parts = problem.memory, problem.normal, problem.progress, known
+        is_plain = len(problem) == 1 and all(part is None for part in parts) and load.is_immutable
+        size = max(grid.steps * scheme.nodes, len(problem.stored))
+        if not is_plain or problem.on_gpu or problem.observed or size > KEPT_NODES or not scheme.can_prepare(load):
+            return None
+        scale, ends, stored = problem.load_scale.item(), (problem.t_start, problem.t_end), problem.stored.tobytes()
+        kept = _kept_march(scheme, problem.systems, load, scale, ends, grid, stored, problem.intervals)
+        numbers, squares, _ = kept(problem.quaternion[0], problem.velocity[0], scale)
+        if not squares < inf:
+            return None
+        done, first = Marched(kept, scale, numbers, squares), 0
+        arrays = views(numbers, kept.march.slab)
+    todo, states = done.march.march, states_in(arrays, first)
+    intervals = intervals_in(todo, arrays, first) if problem.intervals else None
+    carried = done.numbers[todo.slab["states"][0]] * done.march.factors
+    good = np.array([states.quaternion.shape[1]])
+    return Outcome(states, good, np.zeros((1, 4)), {}, intervals, None, carried[None], None, done)
+
+
+@lru_cache(maxsize=64)
+def _kept_march(
+    scheme: Compiled, systems: SystemStack, load: Load, scale: float, ends: Any, grid: Any, stored: bytes, means: bool
+) -> PreparedMarch:
+    at, start = np.frombuffer(stored, np.int64).copy(), (np.eye(4)[3:], np.zeros((1, 3)))
+    parts: Any = systems, *start, load, *ends, grid.steps, at, np.array([scale])
+    return PreparedMarch(StackMarch(replace(IVP(*parts), intervals=means, stretches=grid), scheme))
+
+
+@lru_cache(maxsize=16)
+def _kept_outputs(kept: PreparedMarch, times: bytes, means: bool) -> PreparedDense:
+    from .dense import Dense, PreparedDense
+
+    march = kept.march
+    problem = replace(march.stack, output_times=np.frombuffer(times).copy(), intervals=means, marched=march)
+    return PreparedDense(problem, Dense(problem, march.scheme), kept)
+
+
 def on_constraint(problem: IVP) -> IVP:
     """Return the problem with tangent velocities and the spin that the constraint prescribes, round-off of it apart."""
     W, axis, systems = problem.velocity, problem.systems.axis, problem.systems
+    if axis is None and problem.normal is None:
+        return problem
     if axis is not None and systems.spin is not None:
         rate = systems.spin_at(problem.t_start)[:, None] - (W * axis).sum(axis=1, keepdims=True)
         W = W + rate * axis
@@ -152,11 +216,11 @@ class PreparedMarch:
     """The march of one body whose start is left open."""
 
     def __init__(self, march: StackMarch) -> None:
-        self._march, (parts,), steps = march, march.groups, march.stack.steps
+        self.march, (parts,), steps = march, march.groups, march.stack.steps
         march.sample(parts, 0, steps)
         self._todo = listed(march, parts, 1, 0, steps)
         self._unit, self._run = float(march.bodies[0, BODY.unit]), run_prepared.function
-        self._factors = march.factors[0]
+        self.factors = march.factors[0]
         self._slab = {name: (part, shape[1:] or shape) for name, (part, shape) in march.slab.items() if name in READ}
         self._threads = PerThread(self._workspace)
 
@@ -174,12 +238,12 @@ class PreparedMarch:
     def read(self, found: Array) -> dict[str, Any]:
         """Return the states of a run from the numbers found; its `_read` returns the rest."""
         arrays = views(found, self._slab)
-        return {"states": states_in(arrays, self._march.skipped), "_read": partial(self._rest, arrays)}
+        return {"states": states_in(arrays, self.march.skipped), "_read": partial(self._rest, arrays)}
 
     def _rest(self, arrays: dict[str, Array]) -> dict[str, Any]:
-        means = intervals_in(self._march, arrays, self._march.skipped)._asdict()
+        means = intervals_in(self.march, arrays, self.march.skipped)._asdict()
         del means["velocity_integrals"]  # of motors, which are not prepared
-        return means | {"memory": arrays["states"] * self._factors}
+        return means | {"memory": arrays["states"] * self.factors}
 
     @property
     def states(self) -> States:
@@ -188,7 +252,7 @@ class PreparedMarch:
 
     def _workspace(self) -> tuple[Array, memoryview, int, Any]:
         """Return memory for one thread: results, `Prepared`, its address, all of it."""
-        march, (arrays, array_addresses) = self._march, side_by_side(**self._march.shapes)
+        march, (arrays, array_addresses) = self.march, side_by_side(**self.march.shapes)
         memory, own = arrays["quaternions"].base, np.zeros(PREPARED.size, dtype=np.int64)
         assert memory is not None
         block, *keepalive = march.laid(self._todo)

@@ -1,4 +1,4 @@
-"""Derivatives of steps of `gauss` under loads with memory: the variational equation, collocated at the known stages.
+"""Derivatives of steps under loads with memory: the variational equation, collocated at the known stages.
 
 With R the rows of Λ, z the momenta h of wheels and the internal states of other loads (`loads.memory`),
 and Q the inverse of the carrier's inertia, across a constrained axis, the equations of `gauss` are x' = G(t, x, u):
@@ -14,6 +14,9 @@ x_n + k Σ a_ij G(X_j)``, k its length, and the end
 They are the derivatives of the computed step, not those of the motion. As stages are not stored, they are found again
 by Newton's iteration with the same matrix, many steps at a time. At nodes R is a rotation, and dR = R δ̂. All wheels
 are states here, also those whose momentum is known beforehand: h is then a polynomial that is collocated.
+
+A step of `lie_midpoint` is that of one stage, but for dead forces: it takes Λ_m⁻¹ Σ d_{i,m} × f^i, and `gauss` Σ e_i ×
+Λ_mᵀ f^i, which differ where Λ_m is no rotation.
 """
 
 from __future__ import annotations
@@ -24,6 +27,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..engine.generalised import moment_of
 from ..geometry.arrays import Array
 from ..geometry.attitudes import States, attitudes
 from ..kernels.dual import Dual, plain
@@ -68,7 +72,7 @@ class RememberingSteps:
     Parameters
     ----------
     problem : IVP
-    scheme : `gauss`
+    scheme : `gauss` or `lie_midpoint`
     parameters : a wheel's number, the name of a field, and the component; None: of the start or the body
     inertias : (count, 3, 3) array, changes of J_c by the parameters
 
@@ -85,7 +89,7 @@ class RememberingSteps:
         self.problem, self.parameters, self.inertias = problem.member(0), parameters, inertias
         systems, load = as_marched(self.problem, False)
         load, self.s = tables_as_moments(load), scheme.order // 2
-        self.c, self.b = nodes(scheme.order), weights(scheme.order)
+        self.c, self.b, self.is_midpoint = nodes(scheme.order), weights(scheme.order), scheme.text("").is_midpoint
         self.a = self.b * matrix(scheme.order)
         found = list(wheel_columns(load))
         self.wheels = [one.unscaled for one, _ in found]
@@ -128,8 +132,12 @@ class RememberingSteps:
             found = term.text(_called, [*(x for d in R.T for x in d), *(R @ W), *W, *own_z, time])
             push, torque = push + term.scale * Vector(*found[:3]), torque + term.scale * Vector(*found[3:MOMENTS])
             rates += found[MOMENTS:]
-        still = first_moment(Matrix(*(force @ R for force in self.dead)))
-        free = self.Q @ (torque + cross(total, W) + still + pulled_back(R, push))
+        torque = torque + cross(total, W)
+        if self.is_midpoint:
+            push = push + moment_of(R.T, self.dead)
+        else:
+            torque = torque + first_moment(Matrix(*(force @ R for force in self.dead)))
+        free = self.Q @ (torque + pulled_back(R, push))
         made = [*(c for row in R for c in cross(row, W)), *(free - self.Q @ (dJ @ free)), *rates]
         values = np.stack([np.broadcast_to(plain(one), t.shape) for one in made], axis=1)
         return values, tangents_of(made, count, len(t))

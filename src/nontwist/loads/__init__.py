@@ -3,6 +3,7 @@
 from .base import Load, as_load
 from .catalogue import (
     body_moment,
+    constant,
     damping,
     director_forces,
     dry_friction,
@@ -29,6 +30,7 @@ __all__ = [
     "Term",
     "as_load",
     "body_moment",
+    "constant",
     "damping",
     "dipole",
     "director_forces",

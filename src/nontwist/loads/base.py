@@ -227,6 +227,22 @@ class Load:
         return all(term.c_function is not None for term in (*self.called.terms, *self.functions, *self.memories))
 
     @cached_property
+    def is_immutable(self) -> bool:
+        """Whether it calls no function in Python, which may return other numbers another time."""
+        return self.is_compiled and all(one.columns or one.kind not in ("body", "space") for one in self.terms)
+
+    @cached_property
+    def is_series(self) -> bool:
+        """Whether equations with it can be run on series: nothing that acts is a function of the state."""
+        return all(
+            term.kind in ("body", "space")
+            or isinstance(term, Damping | Momentum)
+            or (isinstance(term, Wheel) and term.is_driven)
+            or (isinstance(term, Potential) and term.dead_force is not None)
+            for term in map(_table_as_moment, self.terms)
+        )
+
+    @cached_property
     def functions(self) -> tuple[Term, ...]:
         """The terms of director forces and potentials that are functions."""
         return tuple(term for term in self.terms if isinstance(term, ForceTerm) and not term.in_kernels)

@@ -16,7 +16,7 @@ from .functions import as_c_function, is_c_function
 from .kinds import made, of_function
 from .memory import MemoryFunction, Wheel
 from .potentials import ForceFunction, ForceTable
-from .terms import Damping, Function, Moment, Pulse, Rotor, Sine, Table
+from .terms import EVER, Damping, Function, Moment, Pulse, Rotor, Sine, Table
 
 Forces = Callable[[float, Array, Array], ArrayLike]
 
@@ -84,10 +84,10 @@ def space_moment(
     Examples
     --------
     >>> from nontwist import simulate, space_moment, standard
-    >>> load = space_moment(lambda t: (1, 2, 3))
+    >>> load = space_moment(lambda t: (1, 2, 6 * t))
     >>> run = simulate(standard([3, 4, 5]), t_end=2, step=0.1, load=load)
-    >>> run.spatial_momentum.values[-1].round(9)  # the moment times 2 s, however the body has turned
-    array([2., 4., 6.])
+    >>> run.spatial_momentum.values[-1].round(9)  # the integral of the moment, however the body has turned
+    array([ 2.,  4., 12.])
     """
     return _moment_of_time("space", times, values, breakpoints)
 
@@ -292,6 +292,34 @@ def pulse(
     (0.125, 0.125)
     """
     return made(Pulse, frame, amplitude, start, shape, end=end)
+
+
+def constant(moment: ArrayLike, *, frame: Literal["body", "space"] = "body") -> Load:
+    """Return a moment that does not change.
+
+    Parameters
+    ----------
+    moment : (3,) array, N m
+    frame : "body" or "space"
+        Components along the moving directors or along fixed axes.
+
+    Returns
+    -------
+    Load
+
+    Raises
+    ------
+    ValueError
+        `moment` is not of three finite numbers, or `frame` is unknown.
+
+    Examples
+    --------
+    >>> from nontwist import constant, simulate, standard
+    >>> run = simulate(standard([3, 4, 5]), t_end=2, load=constant((1, 2, 3), frame="space"))
+    >>> run.spatial_momentum.values[-1].round(9)  # the moment times 2 s, however the body has turned
+    array([2., 4., 6.])
+    """
+    return made(Pulse, frame, as_array(moment, "moment", (3,)), -EVER, "rectangle", end=EVER)
 
 
 def sine(
@@ -570,6 +598,8 @@ def _moment_of_time(frame: str, times: Any, values: ArrayLike | None, breakpoint
     if is_c_function(times):
         raise ValueError(f"{name} accepts a function of time in Python; moment(function) accepts a C function")
     if not callable(times):
+        if values is None and np.shape(times) == (3,):
+            raise ValueError(f"{name} needs times and values, or a function; constant(...) is a moment that lasts")
         return made(Table, frame, times, _values_of(name, values))
     if values is not None:
         raise ValueError(f"{name} accepts a function, or times and values, not both")

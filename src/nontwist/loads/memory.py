@@ -3,7 +3,7 @@
     m = g(t, z, Λ, w),        z' = f(t, z, Λ, w),        z = z_0 at the start of a run.
 
 An actuator that lags, liquid in a tank, hysteresis of a magnetic rod are such terms. An integrator that takes them
-solves for z in the same step as for the body (`integrators.gauss_memory`).
+solves for z in the same step as for the body (`integrators.gauss_memory`, `engine.internal`).
 
 The C function of a term is ``void (t, state, z, found)``: the state is directors, w, and W; what is found is the
 moment in space, the moment along the moving frame, one of which is 0, and z'.
@@ -143,7 +143,7 @@ class MemoryFunction(Memory):
         return f"{factor_in_words(record)}function {names}, {k} internal state{'s' * (k > 1)}"
 
 
-SPEEDS = np.logspace(-3, 4, 29)  # rad/s, at which friction is looked at
+SPEEDS = np.logspace(-3, 6, 37)  # rad/s, at which friction is looked at
 Function = Callable[..., Any]
 
 

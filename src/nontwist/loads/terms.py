@@ -333,9 +333,12 @@ class Pulse(OfTime):
     @classmethod
     def words(cls, record: Record) -> str:
         """Return shape, peak and span."""
+        if (record["start"], record["end"]) == (-EVER, EVER):
+            return f"constant {_peak(record, 'pulse')}"
         return f"{record['shape']} pulse {_peak(record, 'pulse')}, from {record['start']:.6g} to {record['end']:.6g} s"
 
 
+EVER = 1e60  # s: a pulse from -EVER to EVER is a constant moment
 PULSES: dict[str, tuple[Callable[[Any], Any], tuple[float, ...]]] = {
     "triangle": (lambda s: 1 - abs(2 * s - 1), (0.5,)),
     "rectangle": (lambda s: 0.0 * s + 1.0, ()),

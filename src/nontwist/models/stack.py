@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -165,18 +165,23 @@ class SystemStack:
             self.euler_inertia[member], axis, self.dead_force[member], self.name, self.spin_of(member), self.physical
         )
 
-    @property
+    @cached_property
     def convected_inertia(self) -> Array:
-        """Convected inertia J about the fixed point, (m, 3, 3), kg m²."""
+        """Convected inertia J about the fixed point, (m, 3, 3), kg m², read-only."""
         E = self.euler_inertia
-        return np.trace(E, axis1=1, axis2=2)[:, None, None] * np.eye(3) - E
+        J: Array = np.trace(E, axis1=1, axis2=2)[:, None, None] * np.eye(3) - E
+        J.flags.writeable = False
+        return J
 
     @property
     def has_dead_force(self) -> bool:
         """Whether gravity or another dead force acts on a body."""
         return bool(np.any(self.dead_force))
 
-    inertia = convected_inertia
+    @property
+    def inertia(self) -> Array:
+        """The convected inertia J."""
+        return self.convected_inertia
 
     @property
     def vertical(self) -> Array:
@@ -207,8 +212,10 @@ def _shared_spin(bodies: Sequence[DirectorSystem]) -> tuple[Spin | None, Array |
     return known[0], np.array([float(spin is not None) for spin in spins])
 
 
-def stacked(system: DirectorSystem | SystemStack) -> SystemStack:
+def stacked(system: DirectorSystem | SystemStack | Sequence[DirectorSystem]) -> SystemStack:
     """Return `system` as a stack, of one where it is a body."""
+    if isinstance(system, (list, tuple)):
+        return SystemStack.of(system)
     return system if isinstance(system, SystemStack) else _stack_of_one(as_system(system))
 
 

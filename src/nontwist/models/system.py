@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from .stack import SystemStack
 
 SYMMETRY, TRIANGLE, PRINCIPAL = 1e-12, 1e-9, 1e-9
+CLEARLY = 1e-9  # determinant of a definite matrix, of the cube of its largest entry
 
 
 def convected_inertia(E: ArrayLike) -> Array:
@@ -105,13 +106,15 @@ def euler_inertia(J: ArrayLike, *, physical: bool = True, axis: ArrayLike | None
 def checked_inertia(J: ArrayLike, physical: bool = True, axis: Array | None = None) -> Array:
     """Return `J`, (3, 3) or 3 principal values, as a symmetric (3, 3) array; errors as in `euler_inertia`."""
     J = _symmetric(as_tensor(J, "inertia", "3 principal moments or a (3, 3) array"), "inertia")
+    if _is_definite(np.trace(J) / 2 * np.eye(3) - J) and as_flag(physical, "physical") in (True, False):
+        return J
     a, b, c = principal = np.linalg.eigvalsh(J)
     is_massless_about_axis = axis is not None and max(abs(J @ axis)) <= SYMMETRY * c
     if (b if is_massless_about_axis else a) <= 4 * np.finfo(float).eps * abs(principal).max():
-        raise ValueError(
-            f"inertia is not positive definite: its smallest principal moment is {a:.6g}"
-            + (" (0 is accepted about the third axis of nontwisting)" if b > 0 and abs(a) < SYMMETRY * c else "")
+        but = " (0 is accepted about the third axis of nontwisting without a spin)" * bool(
+            b > 0 and abs(a) < SYMMETRY * c
         )
+        raise ValueError(f"inertia is not positive definite: its smallest principal moment is {a:.6g}{but}")
     if not as_flag(physical, "physical"):
         return J
     if a + b < c - 2 * TRIANGLE * principal.sum():
@@ -179,7 +182,9 @@ def require_mass(E: Array, m: float, rho: Array) -> None:
 
     About the point ``E = E_com + m ρ ⊗ ρ``, and E_com is positive semidefinite.
     """
-    smallest = float(np.linalg.eigvalsh(E - m * np.outer(rho, rho))[0])
+    if _is_definite(about_centre := E - m * np.outer(rho, rho)):
+        return
+    smallest = float(np.linalg.eigvalsh(about_centre)[0])
     if smallest < -2e-9 * np.trace(E):
         raise ValueError(
             f"inertia is too small for a mass of {m:g} kg at {rho.tolist()} m: the Euler inertia about the centre of "
@@ -196,7 +201,16 @@ def _symmetric(A: Array, name: str) -> Array:
     return (A + A.T) / 2
 
 
+def _is_definite(A: Array) -> bool:
+    """Whether a symmetric matrix (3, 3) is positive definite, clearly, by its minors: quicker than by eigenvalues."""
+    (a, b, c), (_, d, e), (_, _, f) = A.tolist()
+    minor, determinant = a * d - b * b, a * (d * f - e * e) - b * (b * f - c * e) + c * (b * e - c * d)
+    return bool(a > 0 and minor > 0 and determinant > CLEARLY * max(a, d, f) ** 3)
+
+
 def _semidefinite(E: Array) -> Array:
+    if _is_definite(E):
+        return E
     values, vectors = np.linalg.eigh(E)
     return E if values[0] >= 0 else (vectors * np.maximum(values, 0)) @ vectors.T
 

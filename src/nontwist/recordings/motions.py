@@ -104,7 +104,7 @@ def raw_motion(motion: Any, scalar_first: bool | None) -> Motion:
         return Motion(np.swapaxes(motion.directors, -1, -2), motion.time)
     if isinstance(motion, (str, PathLike)):
         readers = "open_run reads a run, read_motion a recording"
-        raise ValueError(f"the motion must be an array of numbers, got {str(motion)!r}; {readers}")
+        raise ValueError(f"the motion must consist of numbers, got {str(motion)!r}; {readers}")
     array = as_floats(motion, "the motion")
     if array.shape[-2:] == (3, 3):
         return Motion(array)
@@ -112,7 +112,8 @@ def raw_motion(motion: Any, scalar_first: bool | None) -> Motion:
         if scalar_first is None:
             raise ValueError("quaternions need scalar_first=True (w, x, y, z) or scalar_first=False (x, y, z, w)")
         return Motion(np.roll(array, -1, axis=-1) if scalar_first else array)
-    raise ValueError(f"rotations must be (..., 3, 3) matrices or (..., 4) quaternions, got {array.shape}")
+    angles = "; scipy.spatial.transform.Rotation makes them of angles" * (array.shape[-1:] == (3,))
+    raise ValueError(f"rotations must be (..., 3, 3) matrices or (..., 4) quaternions, got {array.shape}{angles}")
 
 
 def as_rotation(values: Array, tolerance: float, *names: Any) -> Rotation:

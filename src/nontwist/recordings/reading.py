@@ -162,6 +162,7 @@ class Rates:
     left_out: int = 0
     warnings: tuple[InputWarning, ...] = ()
     has_gyroscope: bool = True
+    is_read: bool = True  # by a sensor, which has a range
 
     def cleaned(self, lines: Lines | None = None) -> Rates:
         """Return rates in the order of time without rows that are no numbers; an InputError where too few are left.
@@ -248,7 +249,7 @@ def of_run(run: Any, name: str, quaternions: Array | None) -> Rates:
         as_floats(run["time"].values, "time"),
         as_floats(in_order(run[known]).transpose("time", "director").values, known),
     )
-    return Rates(time, W, name, (f"rates: {known}",), quaternions=quaternions).cleaned()
+    return Rates(time, W, name, (f"rates: {known}",), quaternions=quaternions, is_read=known == "gyroscope").cleaned()
 
 
 def _one(table: Table, body: str | None) -> tuple[str, ...]:

@@ -41,7 +41,7 @@ from ..models.system import DirectorSystem
 from ..units import in_datasets
 from .body import Body, SpinTable
 from .files import LARGEST, Fault, Folder, Keys, document, overridden, parsed, shown, toml_text
-from .loads import AnyLoad, LoadSection, Place
+from .loads import AnyLoad, LoadSection
 from .section import MOST_PROBLEMS, Faults, Section, entry, found_in, problems_of
 from .sweep_table import Sweep, key_problems, step_problems, table_problems
 from .tables import AnyEvent, Integrator, Output, Start, Time, options_of
@@ -56,12 +56,9 @@ def posed(file: Any, faults: Faults) -> tuple[Problem, Prepared] | None:
     system = None if file.body is None else _system(file.body, folder, faults)
     given = {} if file.start is None else _start(file.start, time, system, folder, faults)
     load, events = Load(), []
-    lasts = time is not None and time.t_end > time.t_start
-    place = Place(folder, time.t_start, time.t_end) if lasts else Place(folder, 0.0, 1.0)
     for k, one in loads:
-        if lasts or not one.needs_times:
-            with faults.of(f"load.{k}", one, one.error_key):
-                load += one.load(place)
+        with faults.of(f"load.{k}", one, one.error_key):
+            load += one.load(folder)
     given |= {} if file.integrator is None else _integrator(file.integrator, faults)
     if time is not None:
         given |= time.model_dump(exclude={"times"}, exclude_none=True)
@@ -221,11 +218,6 @@ class RunFile(Section):
         """The problem made ready to run, once."""
         return prepared(self.problem)
 
-    @property
-    def has_lasting_loads(self) -> bool:
-        """Whether a load begins or ends with the run, where the file does not say when."""
-        return any(one.is_lasting for one in self.load)
-
     def record(self) -> dict[str, Any]:
         """Return attributes that record how a run was made: `run_file`, the file with all defaults, and its hash.
 
@@ -268,8 +260,7 @@ class RunFile(Section):
 def with_loads(file: RunFile, loads: list[LoadSection]) -> RunFile:
     """Return a copy with other loads, all else as it was prepared; a ValueError where their numbers make none."""
     copied, plan = file.model_copy(update={"load": loads}), file.prepared.plan
-    place = Place(file._folder, plan.t_start, plan.t_end)
-    load = sum((one.load(place) for one in loads), Load())
+    load = sum((one.load(file._folder) for one in loads), Load())
     vars(copied)["prepared"] = replace(file.prepared, plan=plan._replace(load=known_body(load, plan.systems)))
     return copied
 

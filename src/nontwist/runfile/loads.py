@@ -9,27 +9,19 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import MISSING
 from functools import cache
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NamedTuple, get_args, get_origin
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, get_args, get_origin
 
 import numpy as np
 from pydantic import Field, create_model
 
 from ..loads import LOADS, Load, Term, body_moment, damping, dipole, pulse, rotor, space_moment
-from ..loads.terms import FRAME, ForceTerm, own_fields
+from ..loads.terms import EVER, FRAME, ForceTerm, own_fields
 from ..spec import Spec, specs
 from .files import Folder, Table, plain
 from .section import AN_AXIS, BY_FORM, Axis, Matrix, OneOf, Positive, Section, Vector, entry
 
 FILE = "a CSV file in quotes, relative to the run file: headers, then rows of numbers"
 HASH = "the hash of the CSV file, in quotes: another content is refused"
-
-
-class Place(NamedTuple):
-    """The folder and the time span of a run file, for loads that depend on them."""
-
-    folder: Folder
-    t_start: float
-    t_end: float
 
 
 class LoadSection(Section):
@@ -40,24 +32,18 @@ class LoadSection(Section):
 
     makes: ClassVar[Callable[..., Load]]
     error_key: ClassVar[str]
-    needs_times: ClassVar[bool] = False  # whether it depends on t_start and t_end
     is_swept: ClassVar[bool] = True
     if TYPE_CHECKING:
         kind: str
     scale: float = entry("a number that the load is multiplied by", 1.0)
 
-    def load(self, place: Place) -> Load:
+    def load(self, folder: Folder) -> Load:
         """Return the load; a ValueError if it cannot be made."""
-        return self.scale * self.unscaled(place)
+        return self.scale * self.unscaled(folder)
 
-    def unscaled(self, place: Place) -> Load:
+    def unscaled(self, folder: Folder) -> Load:
         """Return the load for the scale 1: what `makes` makes of the keys."""
         return type(self).makes(**self.model_dump(exclude={"kind", "scale"}, exclude_none=True))
-
-    @property
-    def is_lasting(self) -> bool:
-        """Whether it begins or ends with the run."""
-        return False
 
     def in_words(self, folder: Folder) -> str:
         """Describe the load in a preview, by its kind."""
@@ -72,22 +58,15 @@ class Constant(LoadSection):
     """A constant moment, from start to end, or during the whole run."""
 
     error_key = "end"
-    needs_times = True
     frame: Literal["body", "space"] = entry(FRAME)
     kind: Literal["constant"]
     moment: Vector = entry("3 numbers, N m")
     start: float | None = entry("a number, s; the start of the run by default", None)
     end: float | None = entry("a number after start, s; the end of the run by default", None)
 
-    @property
-    def is_lasting(self) -> bool:
-        """Whether it begins or ends with the run."""
-        return None in (self.start, self.end)
-
-    def unscaled(self, place: Place) -> Load:
+    def unscaled(self, folder: Folder) -> Load:
         """Return the load."""
-        start = place.t_start if self.start is None else self.start
-        end = place.t_end if self.end is None else self.end
+        start, end = -EVER if self.start is None else self.start, EVER if self.end is None else self.end
         return pulse(self.moment, start, end, shape="rectangle", frame=self.frame)
 
 
@@ -134,9 +113,9 @@ class Csv(Tabled):
     )
     sha256: str | None = entry(HASH, None)
 
-    def unscaled(self, place: Place) -> Load:
+    def unscaled(self, folder: Folder) -> Load:
         """Return the load."""
-        t, *m = self.table(place.folder).columns
+        t, *m = self.table(folder).columns
         return (body_moment if self.frame == "body" else space_moment)(t, np.stack(m, axis=1))
 
 
@@ -180,13 +159,13 @@ class Rotor(Tabled):
         """The key that a message names."""
         return "momentum" if self.file is None else "file"
 
-    def unscaled(self, place: Place) -> Load:
+    def unscaled(self, folder: Folder) -> Load:
         """Return the load for the scale 1."""
         given = {name for name in ("momentum", "file", "times", "values") if getattr(self, name) is not None}
         if self.file is None and (self.columns is not None or self.sha256 is not None):
             raise ValueError("columns and sha256 are of a file")
         if given == {"file"}:
-            return rotor(self.axis, *self.table(place.folder).columns)
+            return rotor(self.axis, *self.table(folder).columns)
         if given not in ({"momentum"}, {"times", "values"}):
             raise ValueError("a rotor has a momentum, or times and values, or a file")
         momentum: Any = self.times if self.momentum is None else self.momentum

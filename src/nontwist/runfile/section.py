@@ -29,19 +29,11 @@ from pydantic import (
 from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
 from ..geometry.arrays import AXES
-from ..geometry.values import guess, nearest
+from ..geometry.values import guess, meant, nearest
 from .files import LARGEST_NUMBER, Fault, Keys, dotted, shown, toml_value
 
 YOUR_OWN = "; your own once its module is imported (nontwist --import MODULE)"
 AN_AXIS = '3 numbers, not all 0, or "x", "y", "z", "-x", "-y", "-z": '
-ALIASES = {  # names of other programs
-    **dict.fromkeys(("omega", "w"), "angular_velocity"),
-    **dict.fromkeys(("dt", "timestep", "h"), "step"),
-    **dict.fromkeys(("duration", "tspan"), "t_end"),
-    **dict.fromkeys(("J", "I"), "inertia"),
-    **dict.fromkeys(("attitude", "orientation"), "rotation"),
-    **{"m": "mass", "g": "gravity", "solver": "name"},
-}
 UNKNOWN = "unknown key"
 MOST_PROBLEMS = 100  # that are reported
 IN_TOML = {"project=True": "start.project = true", "physical=False": "body.physical = false"}
@@ -276,12 +268,14 @@ def _refused(path: Keys, given: Any, accepted: str) -> Found:
 
 def _unknown(word: str, table: type[Section]) -> Found:
     """Return what keys a table has in place of an unknown one, and where that belongs."""
-    known, name = table.known(), ALIASES.get(word, word)
+    known, names = table.known(), (word, *meant(word))
     inner: dict[str, Any] = {key: one.annotation for key, one in table.model_fields.items() if table.is_whole}
-    place = next(((key, name) for key, form in inner.items() if _is_table(form) and name in form.known()), ())
+    tables = {key: form.known() for key, form in inner.items() if _is_table(form)}
+    place = next(((key, name) for key, own in tables.items() for name in names if name in own), ())
     accepted = nearest(word, known) if known else "left out: this table has no keys"
-    if name in known or place:
-        accepted = f"did you mean {name}? " * (name in known) + f"known are {', '.join(known)}"
+    own = [name for name in names if name in known]
+    if own or place:
+        accepted = "".join(f"did you mean {name}? " for name in own[:1]) + f"known are {', '.join(known)}"
     others = [kind for kind, form in table.kinds.items() if word in {*form.known()} - {*known}]
     told = [toml_value(kind) if "kind" in known else f"{{ {kind} = ... }}" for kind in others]
     if others:

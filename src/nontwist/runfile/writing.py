@@ -21,6 +21,7 @@ from ..geometry.values import as_path
 from ..integrators import INTEGRATORS
 from ..io.whole import written
 from ..loads import LOADS, Term, as_load
+from ..loads.terms import EVER, Pulse
 from ..models.bodies import BODIES
 from ..models.system import DirectorSystem, as_system
 from ..spec import specs
@@ -125,6 +126,8 @@ def load_table(term: Term) -> dict[str, Any]:
         what = f"a load of the kind {kind}" + " with a function" * is_known
         raise ValueError(f"{what} has no place in a run file; save the run instead")
     table = {"kind": kind} | ({} if term.scale == 1 else {"scale": term.scale})
+    if isinstance(term, Pulse) and (term.start, term.end) == (-EVER, EVER):
+        return table | {"kind": "constant", "frame": term.frame, "moment": plain(term.pulse)}
     if kind == "rotor" and np.size(term.times) == 1:  # type: ignore[attr-defined]
         return table | {"axis": plain(term.rotor), "momentum": float(term.values[0])}  # type: ignore[attr-defined]
     known = {"damping": "coefficient", "rotor": "axis"} if kind in ("damping", "rotor") else keys_of(type(term))

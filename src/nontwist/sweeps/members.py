@@ -19,7 +19,6 @@ import hashlib
 import threading
 from collections.abc import Callable, Iterable
 from copy import deepcopy
-from dataclasses import replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -45,7 +44,7 @@ from ..runfile import RunFile
 from ..runfile.body import Body
 from ..runfile.document import checked, with_loads
 from ..runfile.files import Fault, Folder, shown
-from ..runfile.loads import AnyLoad, Place
+from ..runfile.loads import AnyLoad
 from ..runfile.section import in_toml, problems_of
 from ..runfile.sweep_table import Drawn, Sweep
 from ..units import RATE
@@ -378,7 +377,7 @@ class Members:
         if numbers := _below("body.", values):
             plan = plan._replace(systems=stack(file.body, numbers, self.folder))
         if scales is not None:
-            plan = plan._replace(load=file.load[0].unscaled(Place(self.folder, plan.t_start, plan.t_end)))
+            plan = plan._replace(load=file.load[0].unscaled(self.folder))
         plan = plan._replace(load=known_body(plan.load, plan.systems))
         velocity = file.start.angular_velocity
         frame = next(iter(type(velocity).model_fields))
@@ -389,7 +388,7 @@ class Members:
         scale = 1.0 if scales is None else scales
         begin = starts(plan.systems, None, rotation, False, W, w, scale, file.start.project, plan.t_start, many=True)
         grid = plan.grid or stretched((plan.t_start, plan.t_end), (1,))
-        return plan.scheme, replace(plan.problem(begin, grid), observed=bool(self.sweep.reduce))
+        return plan.scheme, plan.problem(begin, grid, observed=bool(self.sweep.reduce))
 
     def _rotations(self, file: RunFile, values: Values, m: int) -> Rotation | Array:
         """Return the attitudes at the start, one or m, as `RunFile.arguments` has that of one member.

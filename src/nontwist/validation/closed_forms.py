@@ -43,12 +43,14 @@ from importlib.resources import files
 from typing import Any
 
 import numpy as np
+from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 from scipy.special import ellipj, ellipk
 
 from .. import exact
 from ..driver.runs import integrate
 from ..fitting import fit_inertia
+from ..fitting.telling import quantile
 from ..geometry import rotations
 from ..geometry.arrays import Array
 from ..integrators import Split
@@ -76,7 +78,7 @@ from .problems import (
 )
 
 RED, TOP, SYMMETRIC = "eq-nonholonomic-red", "Landau & Lifshitz §37; Whittaker §69", "Landau & Lifshitz §35"
-GYROSTAT, FIT = "Wittenburg 1977", "nontwist.fitting.shooting"
+GYROSTAT, FIT, SLOW = "Wittenburg 1977", "nontwist.fitting.shooting", "nontwist.fitting.slow_noise"
 
 
 def many_digits() -> Any:
@@ -230,6 +232,23 @@ def fitted() -> Iterator[Check]:
         yield error(f"moments {name}, fitted", found - (J if h else J / J.sum()), 1e-9, FIT, "independent")
 
 
+def under_slow_noise() -> Iterator[Check]:
+    """Simulate noise that goes on for a 40th of a throw: how often intervals of a linear fit hold its inertia."""
+    rng, t = np.random.default_rng(0), np.linspace(0, 2, 200)
+    run = integrate(standard([1, 1.6, 2.1]), times=t, material_angular_velocity=[3, 2, 4], integrator=FINE)
+    fit = fit_inertia((t, velocity(run) + 1e-3 * rng.normal(size=(200, 3))), interval="all").solution
+    (rows,), found, phi = fit.residuals.rates, list[Array](), np.exp(-40 / 200)
+    A = rows.A @ fit.of_columns[rows.columns]  # in these unknowns their covariance is 1
+    for e in rng.normal(size=(24, 200, 3)):
+        e = lfilter([np.sqrt(1 - phi**2)], [1, -phi], np.concatenate([e, e]), axis=0)[200:].ravel()
+        x = -A.T @ e
+        one = replace(fit, residuals=fit.residuals._replace(rates=[rows._replace(r=e + A @ x)]))
+        errors = np.sqrt(np.linalg.inv(one.trusted).diagonal()) * one.spread / one.problem.noise
+        found.append(abs(fit.unit[: fit.own] @ x) < quantile(one) * errors)
+    measured = float(np.mean(found))
+    yield Check("intervals of 95 % under slow noise: share that holds", 0.94, measured, 0.04, SLOW, "independent")
+
+
 SUSLOV = "Suslov 1946; Bloch §8"
 SUSLOV_SCHEMES = ("lie-midpoint", "energy-momentum")
 
@@ -344,7 +363,18 @@ def precession() -> Iterator[Check]:
 
 
 CHECKS = {
-    "free": (nontwisting_body, digits, continuous, symmetric, gyrostat, driven_wheel, montgomery, euler_angles, fitted),
+    "free": (
+        nontwisting_body,
+        digits,
+        continuous,
+        symmetric,
+        gyrostat,
+        driven_wheel,
+        montgomery,
+        euler_angles,
+        fitted,
+        under_slow_noise,
+    ),
     "suslov": (suslov_digits, suslov_continuous, asymptotes, suslov_orders),
     "tops": (benchmark, pendulum, precession),
 }

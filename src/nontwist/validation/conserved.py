@@ -106,9 +106,8 @@ OF_TERMS: dict[str, Load] = {  # a load of every entry of nontwist.loads.LOADS i
     ),
     "memory": loads.memory_load(friction, reaction, 0.4, frame="body"),
 }
-# K + V changes with time on an orbit; wheels are not stretched with the directors; memory is for `gauss` alone, and dry
-# friction splits steps.
-APART = ("gravity_gradient", "wheel", "memory", "dry_friction")
+# K + V changes with time on an orbit; wheels are not stretched with the directors; dry friction splits steps.
+APART = ("gravity_gradient", "wheel", "dry_friction")
 
 
 BALANCE: Arguments = {"t_end": 0.4, "step": 0.01, "angular_velocity": (1, -2, 0.5), "project": True}

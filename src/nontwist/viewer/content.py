@@ -231,9 +231,10 @@ def _twisted(motion: Any) -> xarray.Dataset:
     try:
         return twist(motion)
     except (TypeError, ValueError) as error:
+        page = "; view(run).save(path) writes a page" * str(motion).endswith(".html")
         raise ValueError(
             "view accepts runs of simulate, read with open_run where they are files, recordings with their times, and "
-            f"what twist returns for them; got {motion!r:.80} ({error})"
+            f"what twist returns for them; got {motion!r:.80} ({error}){page}"
         ) from error
 
 

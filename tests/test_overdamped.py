@@ -28,13 +28,13 @@ def how(c):
 
 
 @cache
-def pendulum(c):
-    """Return times and (angle, rate) of ``J θ'' + c θ' + m g l sin θ = 0`` from 1 rad at rest."""
+def pendulum(c, rate=0.0):
+    """Return times and (angle, rate) of ``J θ'' + c θ' + m g l sin θ = 0`` from 1 rad and a rate, rad/s."""
     t = np.append(0.0, np.geomspace(0.01 * J / c, 10 * c / WEIGHT, 60))
     found = solve_ivp(
         lambda _, y: [y[1], -(WEIGHT * np.sin(y[0]) + c * y[1]) / J],
         (0, t[-1]),
-        [1.0, 0.0],
+        [1.0, rate],
         t_eval=t,
         method="Radau",
         jac=lambda _, y: [[0.0, 1.0], [-WEIGHT * np.cos(y[0]) / J, -c / J]],
@@ -178,9 +178,11 @@ def test_a_heavy_body_with_drag_along_slanted_axes():
     assert run.stretches.steps < 600
 
 
-def test_ensembles_take_such_steps():
-    runs = nt.simulate_ensemble(OIL, **how(1e4), load_scale=[0.5, 1, 2])
-    alone = [nt.integrate(OIL, **how(1e4) | {"load": f * nt.damping(1e4)}, store="end") for f in (0.5, 1, 2)]
+@pytest.mark.parametrize("rate", [0, 10])
+def test_ensembles_take_such_steps(rate):
+    task = how(1e4) | {"material_angular_velocity": (rate, 0, rate)}
+    runs = nt.simulate_ensemble(OIL, **task, load_scale=[0.5, 1, 2])
+    alone = [nt.integrate(OIL, **task | {"load": f * nt.damping(1e4)}, store="end") for f in (0.5, 1, 2)]
     W = runs.material_angular_velocity.values[:, -1]
     assert pytest.approx(W, rel=1e-6, abs=1e-12) == [run.material_angular_velocity[-1].tolist() for run in alone]
 
@@ -200,11 +202,19 @@ def test_what_damping_bounds():
 
 
 @pytest.mark.parametrize("scheme", ["split", "energy-momentum"])
-def test_what_must_resolve_every_decay_names_what_need_not(scheme):
-    words = "or (choose )?the integrator gauss, which takes damped modes in long steps"
+@pytest.mark.parametrize("rate", [0.0, 10.0])
+def test_what_must_resolve_every_decay_names_what_need_not(scheme, rate):
+    """With the steps, which are those of a run that takes the advice."""
+    words = r"or (?:choose )?the integrator gauss without step=, which takes about (\d+) steps of up to (\S+) s$"
+    task = how(1e4) | {"material_angular_velocity": (-rate, 0, 0)}
     for more in ({}, {"tolerance": 1e-6}):
-        with pytest.raises(ValueError, match=words):
-            nt.simulate(OIL, **how(1e4), integrator=scheme, **more)
+        with pytest.raises(ValueError, match=words) as refused:
+            nt.simulate(OIL, **task, integrator=scheme, **more)
+        run = nt.integrate(OIL, **task, **more, integrator="gauss")
+        assert angles(run)[-1] == pytest.approx(pendulum(1e4, rate)[1][0, -1], rel=1e-6, abs=0)
+        steps, longest = re.search(words, str(refused.value)).groups()
+        assert run.stretches.steps == pytest.approx(int(steps), rel=0.5)
+        assert 1 / 3 < max(run.stretches.sizes) / float(longest) < 3
     coming = nt.Problem(OIL, t_end=1, load=nt.damping(100), integrator=scheme).forecast()
     assert coming.step <= 1e-4 * (1 + 1e-9)
 
@@ -218,21 +228,74 @@ def test_a_step_that_is_too_long_is_told_with_what_works():
         nt.simulate(OIL, **how(1e4))
 
 
-def test_more_decays_than_round_off_allows_are_refused_with_what_works(monkeypatch):
-    c, marched = 1e12, []
+@pytest.mark.parametrize(("rate", "most"), [(0.0, "4e\\+20"), (1.0, "1e\\+19")])
+@pytest.mark.parametrize("scheme", [{}, {"tolerance": 1e-6}, {"integrator": "split"}])
+def test_more_decays_than_round_off_allows_are_refused_with_what_works(monkeypatch, scheme, rate, most):
+    """A run up to the time that is named, and one over the whole time in the step that is named."""
+    c, marched, from_rest = 1e12, [], f"t_end <= .* or{', from rest,' * (rate != 0)} the integrator lie-midpoint"
+    task = how(c) | {"material_angular_velocity": (-rate, 0, 0)}
     with monkeypatch.context() as patch:
         patch.setattr("nontwist.driver.completion.march", lambda *arguments: marched.append(arguments))
-        with pytest.raises(ValueError, match=r"at most 1e\+21 are resolved") as refused:
-            nt.simulate(OIL, **how(c))
+        with pytest.raises(ValueError, match=from_rest) as refused:
+            nt.simulate(OIL, **task | scheme)
     assert not marched
+    assert scheme.get("integrator") or re.search(f"of which at most {most} are resolved", str(refused.value))
     longest, step = (float(x) for x in re.findall(r"(?:t_end <=|step =) (\S+) s", str(refused.value)))
-    short = nt.integrate(OIL, **how(c) | {"t_end": longest}, tolerance=1e-6)
-    assert 1 - angles(short)[-1] == pytest.approx(WEIGHT * np.sin(1) / c * longest, rel=1e-3)
-    with pytest.raises(ValueError, match=r"use t_end <= 9e\+06 s$"):
-        nt.simulate(OIL, **how(c), material_angular_velocity=(1, 0, 0), tolerance=1e-6)
+    short = nt.integrate(OIL, **task | {"t_end": longest}, tolerance=1e-6)
+    assert 1 - angles(short)[-1] == pytest.approx(WEIGHT * np.sin(1) / c * longest - rate * J / c, rel=1e-3)
     with pytest.warns(UserWarning, match="does not resolve"):
         crept = nt.integrate(OIL, **how(c), step=step, integrator="lie-midpoint")
-    assert angles(crept)[-1] == pytest.approx(2 * np.arctan(np.tan(0.5) * np.exp(-10)), rel=1e-3)
+    assert angles(crept)[-1] == pytest.approx(2 * np.arctan(np.tan(0.5) * np.exp(-10)), rel=1e-6, abs=0)
+
+
+@pytest.mark.parametrize("c", DAMPED)
+@pytest.mark.parametrize("rate", [0.1, -100.0])
+def test_a_velocity_at_the_start_turns_the_body_and_is_gone(c, rate):
+    """By about W J/c; states between steps are within the tolerance as well, while it decays and later."""
+    t, (angle, rates) = pendulum(c, rate)
+    run = nt.integrate(OIL, **how(c) | {"material_angular_velocity": (-rate, 0, 0)})
+    assert angles(run)[-1] == pytest.approx(angle[-1], rel=1e-6, abs=0)
+    assert -run.material_angular_velocity[-1, 0] == pytest.approx(rates[-1], rel=1e-6, abs=0)
+    assert run.stretches.steps < 500
+    assert len(run.time) < 400
+    within = nt.integrate(OIL, **how(c) | {"material_angular_velocity": (-rate, 0, 0)}, times=t)
+    assert abs(angles(within) - angle).max() <= 1e-8
+    assert abs(within.material_angular_velocity[:, 0] + rates).max() <= 1e-8 * abs(rate)
+
+
+def test_a_velocity_about_a_slanted_axis():
+    """All axes turn, and rates of 1e4 and 1e6 1/s decay: by SciPy in quaternions."""
+    c, inertia, start, W0 = 1e4, np.array([J, J, 0.01]), HANGING, np.array([3.0, -6.0, 8.0])
+    end = 10 * c / WEIGHT
+
+    def rates(_, y):
+        (x1, x2, x3, s), W = y[:4], y[4:]
+        moment = [-2 * WEIGHT * -(x2 * x3 + x1 * s), -2 * WEIGHT * (x1 * x3 - x2 * s), 0.0] - c * W
+        turn = [*(s * W + cross(y[:3], W)), -y[:3] @ W]
+        return np.append(np.array(turn) / 2, (moment + cross(inertia * W, W)) / inertia)
+
+    begin = np.append(start.as_quat(), W0)
+    found = solve_ivp(rates, (0, end), begin, method="LSODA", rtol=1e-11, atol=[1e-15] * 4 + [1e-15 / c] * 3).y[:, -1]
+    run = nt.integrate(OIL, **how(c), material_angular_velocity=W0)
+    tilts = [np.linalg.norm(Rotation.from_quat(q).apply([0, 0, 1])[:2]) for q in (run.quaternion[-1], found[:4])]
+    assert tilts[0] == pytest.approx(tilts[1], rel=1e-6, abs=0)
+    assert (Rotation.from_quat(found[:4]).inv() * Rotation.from_quat(run.quaternion[-1])).magnitude() < 1e-9
+    assert run.material_angular_velocity[-1] == pytest.approx(found[4:], rel=1e-6, abs=1e-12 * WEIGHT / c)
+    assert run.stretches.steps < 200
+
+
+@pytest.mark.parametrize("size", [0.1, 100.0])
+@pytest.mark.parametrize("is_function", [False, True])
+@pytest.mark.parametrize("c", DAMPED)
+def test_damping_alone(c, size, is_function):
+    """``W = W_0 exp(-c t/J)`` about a principal axis."""
+    load = nt.moment(lambda t, d, w: -c * w, compiled=True) if is_function else nt.damping(c)
+    x = np.append(0.0, np.geomspace(0.01, 1e6, 20))  # c t/J
+    run = nt.integrate(nt.standard([3, 4, 5]), times=x * 4 / c, load=load, material_angular_velocity=(0, size, 0))
+    expected, turned = size * np.exp(-x), size * 4 / c * (1 - np.exp(-x))
+    assert run.material_angular_velocity[:, 1] == pytest.approx(expected, abs=1e-8 * size)
+    assert np.unwrap(2 * np.arctan2(run.quaternion[:, 1], run.quaternion[:, 3])) == pytest.approx(turned, abs=1e-8)
+    assert run.stretches.steps < (5000 if is_function else 200)
 
 
 @pytest.mark.parametrize(("viscous", "is_function"), [(1.0, False), (1e3, True)])
@@ -273,7 +336,7 @@ def test_the_fastest_rate_of_wheels_is_that_of_the_linear_motion():
 def test_a_function_that_damps_beyond_the_largest_number_is_refused():
     load = nt.moment(lambda t, d, w: (-1e200 * w[0], -1e200 * w[1], -1e199 * w[2]), compiled=True)
     about = {"t_end": 1, "load": load, "material_angular_velocity": (1, 0.1, 2)}
-    with pytest.raises(ValueError, match="of which at most 1e\\+21 are resolved"):
+    with pytest.raises(ValueError, match="of which at most 1e\\+19 are resolved"):
         nt.simulate(nt.standard([3, 4, 5]), **about)
     with pytest.warns(UserWarning, match="does not resolve"), pytest.raises(SimulationError) as failed:
         nt.simulate(nt.standard([3, 4, 5]), step=0.1, **about)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from functools import lru_cache
 from itertools import pairwise
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -28,6 +28,38 @@ HIGHER = 5  # times longer are the steps that resolve a load with an order above
 NODES_APART = 16  # units in the last place of a time that a step must have
 CLOSEST = 16 * NODES_APART  # of the first steps, which may be refined
 SMALL = 2**26  # bytes that are assumed to be free
+
+
+class Pieces(NamedTuple):
+    """Numbers that hold from one time to the next, the last one to the end of a run."""
+
+    times: Array  # (n,) s
+    values: Array  # (n,)
+
+    @property
+    def largest(self) -> float:
+        """The largest of them."""
+        return float(self.values.max())
+
+    def lengths(self, t_end: float) -> Array:
+        """Return how long each of them holds, s."""
+        return np.append(self.times[1:], t_end) - self.times
+
+    def at(self, times: Array) -> Array:
+        """Return those that hold from some times on."""
+        return self.values[np.searchsorted(self.times, times, side="right") - 1]
+
+    def measured(self, times: Array, values: Array) -> Pieces:
+        """Return the largest of the values at increasing times in each piece, or beside it where it has none."""
+        first = np.searchsorted(times, self.times, side="right") - 1
+        last = np.append(np.searchsorted(times, self.times[1:]), len(times) - 1)
+        found = [values[i : j + 1].max() for i, j in zip(first.tolist(), last.tolist(), strict=True)]
+        return self._replace(values=np.array(found))
+
+
+def steady(time: float, value: float) -> Pieces:
+    """Return one number that holds from a time on."""
+    return Pieces(np.array([time]), np.array([value]))
 
 
 def count_steps(span: float, step: float) -> int:
@@ -129,7 +161,7 @@ def stretches_of(
     load: Load,
     t_start: float,
     t_end: float,
-    longest: float,
+    longest: float | Pieces,
     even: bool = False,
     higher: int = 1,
     *,
@@ -149,7 +181,14 @@ def stretches_of(
         Too many steps.
     """
     borders = np.concatenate([[t_start], kinks(load, t_start, t_end), [t_end]])
-    borders, each = graded(borders, longest, decay, part)
+    if not isinstance(longest, Pieces):
+        longest = steady(t_start, longest)
+    borders, each = graded(borders, longest.largest, decay, part)
+    if len(longest.times) > 1:
+        is_apart = abs(longest.times[:, None] - borders).min(axis=1) > CLOSEST * np.spacing(abs(longest.times))
+        whole = np.union1d(borders, longest.times[is_apart])
+        each = np.minimum(each[np.searchsorted(borders, whole[:-1], side="right") - 1], longest.at(whole[:-1]))
+        borders = whole
     middles, resolution = (borders[1:] + borders[:-1]) / 2, np.full(len(borders) - 1, np.inf)
     for term in load.terms if resolves else ():  # a table is linear between its kinks
         if not isinstance(term, Tabulated) and term.resolution < np.inf:
@@ -157,7 +196,7 @@ def stretches_of(
             resolution[acts] = np.minimum(resolution[acts], term.resolution)
     least = np.diff(borders) / np.minimum(each, higher * resolution)
     if not least.sum() <= MOST:
-        raise ValueError(_too_many(least.sum(), decay))
+        raise ValueError(f"the automatic step would take {least.sum():.3g} steps, more than {MOST:.0e}; choose a step")
     counts = np.maximum(1, np.ceil(least * (1 - 1e-12)))
     return stretched(borders, np.where(even & (counts > 1), 2 * np.ceil(counts / 2), counts))
 
@@ -296,13 +335,6 @@ def load_messages(load: Load, systems: SystemStack, t_start: float, t_end: float
                 f"{t_end:.12g} s"
             )
     return [message for message in messages if message]
-
-
-def _too_many(steps: float, decay: float) -> str:
-    return (
-        f"the automatic step would take {steps:.3g} steps, more than {MOST:.0e}; choose a step"
-        + ", or the integrator gauss, which takes damped modes in long steps" * (decay > 0)
-    )
 
 
 def even_step(longest: float, load: Load, t_start: float, t_end: float) -> float | None:

@@ -15,7 +15,7 @@ from ..geometry.attitudes import directors
 from ..geometry.values import nearest, short_repr
 from ..integrators import DEFAULT, INTEGRATORS, IVP, Integrator
 from ..integrators.continuous import METHODS
-from ..integrators.costs import damping_at, damping_rate, largest_velocity, memory_rate
+from ..integrators.costs import damping_at, damping_rate, largest_velocity, memory_rate, slowest_damping
 from ..integrators.load_samples import carrier
 from ..integrators.load_samples import internal_states as first_states
 from ..integrators.problem import Stretches, stretched
@@ -26,13 +26,16 @@ from ..loads.potentials import GravityGradient
 from ..models.stack import SystemStack, stacked
 from ..models.system import DirectorSystem
 from .grid import (
+    CLOSEST,
     FEWEST,
     TURN,
+    Pieces,
     as_store,
     checked_output_times,
     count_steps,
     joined,
     kinks,
+    steady,
     stored_count,
     stored_steps,
     stretches_of,
@@ -41,6 +44,7 @@ from .grid import (
 from .starts import Starts
 
 LARGEST_TOLERANCE = 0.1
+SETTLES, FAR, NOTHING = 10.0, 1000.0, 1e-16  # how much less a body turns; rad; a part of a velocity
 SOME = 32  # members and breakpoints at most, for which loads are linearised
 
 
@@ -144,6 +148,32 @@ class Plan(NamedTuple):
         ends = self.t_start, self.t_end
         return float(largest_velocity(self.systems, begin.velocity, load, *ends, begin.load_scale, is_bound))
 
+    def pace(self, begin: Starts, fastest: float) -> Pieces:
+        """Return about the largest |w| of its runs as time goes on, rad/s; `fastest`: the largest of all.
+
+        Moments M and damping C, ρ its slowest rate, bound ω = J^(1/2) W by ``|ω|' <= |J^(-1/2) M| - ρ |ω|``, so
+        ``|ω(t)| <= |ω(0)| exp(-ρ t) + max |J^(-1/2) M|/ρ``. The velocity of a start turns the body by |ω(0)|/ρ in all,
+        however long the run is; from some 1/ρ on the body turns as if it had begun at rest. The times are some of
+        `graded`. There is one piece unless the body turns `SETTLES` times less than at `fastest`. Of functions of the
+        state, the load is `linearised`, damping is known at the start alone: they need to turn the body `FAR`.
+        """
+        load, span, whole = self.load, self.t_end - self.t_start, fastest * (self.t_end - self.t_start)
+        rate = 0.0 if self.systems.spin else float(slowest_damping(self.systems, load, begin.load_scale).min())
+        called, one = load.called, steady(self.t_start, fastest)
+        is_known = not (load.memories or (called.terms and (whole < FAR or called.breakpoints)))
+        if not (is_known and whole > 0 and rate * span > SETTLES):
+            return one
+        at_rest = np.zeros_like(begin.velocity)
+        driven = largest_velocity(self.systems, at_rest, load, self.t_start, self.t_end, begin.load_scale)
+        driven = max(float(driven), NOTHING * fastest)
+        decay = damping_rate(self.systems, load, begin.load_scale)
+        first, last = np.ceil(np.log2(decay / rate * np.array([1.0, max(1.0, np.log(fastest / driven))])))
+        since = 2.0 ** np.arange(first, last + 1) / decay
+        since = since[(since < span) & (since > CLOSEST * np.spacing(abs(self.t_start) + since))]
+        left = np.append(fastest, driven + fastest * np.exp(-rate * since))
+        pace = Pieces(self.t_start + np.append(0.0, since), np.minimum(left, fastest))
+        return pace if SETTLES * (pace.lengths(self.t_end) @ pace.values) < whole else one
+
     def automatic(self, begin: Starts, longest: float | None = None, is_bound: bool = False) -> Stretches:
         """Return a grid for at most 0.05 rad a step: by a bound, or an estimate to be verified by the run.
 
@@ -164,9 +194,13 @@ class Plan(NamedTuple):
         rate, span = damping_rate(self.systems, load, begin.load_scale), (self.t_start, self.t_end)
         if not longest * rate > 1:
             return stretches_of(load, *span, longest)
-        if self.scheme.is_a_stable:
-            return stretches_of(load, *span, longest, decay=rate, part=TURN)
-        return stretches_of(load, *span, 1 / rate, decay=rate)
+        longest, part = (longest, TURN) if self.scheme.is_a_stable else (1 / rate, 1.0)
+        try:
+            return stretches_of(load, *span, longest, decay=rate, part=part)
+        except ValueError as error:
+            from .tolerance import damped_steps
+
+            raise ValueError(", or ".join(filter(None, [str(error), damped_steps(self, begin)]))) from None
 
     def problem(self, begin: Starts, grid: Stretches, stored: NDArray[np.int64] | None = None, **options: Any) -> IVP:
         """Return the problem of the plan with a start; `stored`: the numbers of the stored steps; options of it."""

@@ -235,7 +235,8 @@ class Prepared:
         if plan.output_times is not None:
             return len(plan.output_times)
         if plan.is_between and self.first is not None:
-            shown = max(1, int((plan.t_end - plan.t_start) / apart_shown(plan, self.fastest, self.first.swing)))
+            apart = apart_shown(plan, self.first.pace, self.first.swing)
+            shown = max(1, int((apart.lengths(plan.t_end) / apart.values).sum()))
         return stored_count(shown, plan.store)
 
     @cached_property
@@ -312,7 +313,8 @@ class Prepared:
         assert steps.stretches is not None
         own = plan._replace(scheme=steps.integrator)
         if self.first is not None and plan.is_between:
-            longest = apart_shown(plan, largest_size(steps.material_angular_velocity), self.first.swing)
+            sizes = np.sqrt(np.square(steps.material_angular_velocity).sum(axis=1))
+            longest = apart_shown(plan, self.first.pace.measured(steps.time, sizes), self.first.swing)
             shown = stretches_of(plan.grid_load, plan.t_start, plan.t_end, longest)
             own = own._replace(output_times=plan.problem(begin, shown).stored_times)
         run = integrated(own, begin, steps.stretches, events=events, marched=march)

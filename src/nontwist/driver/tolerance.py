@@ -13,6 +13,8 @@ tolerance bounds it.
    resolved only while they last: the start and every kink of a load excite them, and at the time t behind it those left
    have rates up to about 1/t. So steps begin at ``h = x/λ``, x by the estimate over T = 1/λ, and from t = 1/λ on are
    x t, until they are those of the motion (`grid.graded`): a number of steps like log(λ T), for all rates together.
+   A velocity at the start that damping takes away counts while it lasts (`Plan.pace`): with α(t) the larger of the
+   rates at the time t, steps are ``h = θ/α(t)``, where a turn by ∫ α dt in steps of θ is off by what is asked for.
    Functions of the state count with the damping that they are at the start (`Plan.linearised`), loads with memory with
    the rates at which their internal states decay there.
 2. N steps are run, and at least 3/2 N: a stretch between two kinks has an even number of steps, and then half as many
@@ -38,7 +40,7 @@ found between the steps (`integrators.dense`), steps are as long as the toleranc
 from __future__ import annotations
 
 from functools import lru_cache
-from math import inf, log, pi
+from math import log, pi
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -49,13 +51,15 @@ from ..geometry.arrays import Array, distinct
 from ..geometry.values import number_text
 from ..integrators import IVP, Integrator, Status
 from ..integrators.base import Outcome
-from ..integrators.costs import gyration_rate, highest_frequency, swing_rate
+from ..integrators.costs import gyration_rate, highest_frequency, slowest_damping, swing_rate
+from ..integrators.gauss import Gauss
+from ..integrators.lie_midpoint import LieMidpoint
 from ..integrators.problem import Stretches, stretched
 from ..loads import Load
 from . import completion
-from .grid import FEWEST, HIGHER, MOST, TURN, stored_steps, stretches_of
+from .grid import FEWEST, HIGHER, MOST, TURN, Pieces, even_step, steady, stored_steps, stretches_of
 from .notices import SMOOTH
-from .planning import Plan
+from .planning import Plan, candidates
 from .starts import Starts
 
 EPS = float(np.finfo(np.float64).eps)
@@ -71,7 +75,9 @@ OVERRATED = 1.6  # estimates of |w| that are so much too large are corrected
 COARSE = (Status.TURN, Status.STALLED, Status.BROKEN)
 ENOUGH = 1_000_000  # steps, of a run that is given up where it would need more
 LOW, LONGER = 4, 4.0  # orders whose first steps are longer than by the estimate, and how much
-DECAYS = 1e21  # of a mode in a run: behind more of them, round-off of damping is larger than the motion
+DECAYS, GONE = 4e20, 1e19  # of a mode in a run: behind more of them, round-off of damping is larger than the motion
+BALANCED = 1e16  # decays in a step that has left a velocity behind: round-off of more is larger than the momentum
+CREEPING = 1e-6  # tolerance of the step that is proposed beyond these
 PHASE = 0.2  # rad, of a swing in a step that is shown
 BESIDE = 1.25  # refinement where a jump of the load lies at a node
 LEVEL = 0.3  # slope of what no longer falls
@@ -82,7 +88,8 @@ class First(NamedTuple):
     """What the local estimate chooses: the coarse run to begin with."""
 
     scheme: Integrator
-    step: float
+    pace: Pieces
+    steps: Pieces
     grid: Stretches
     swing: float  # rad/s, about the fastest rate of swings
 
@@ -113,6 +120,11 @@ class Trial(NamedTuple):
         """Whether members have reached the end, (m,)."""
         return self.outcome.failures[:, 0] == Status.OK
 
+    def measured(self, pace: Pieces) -> Pieces:
+        """Return the largest |W| at the stored states of members that have reached the end, in pieces of time."""
+        speeds = np.sqrt(np.square(self.outcome.states.velocity[self.done]).sum(axis=2))
+        return pace.measured(self.problem.stored_times, speeds.max(axis=0, initial=0.0))
+
     @property
     def speeds(self) -> Array:
         """The largest |W| at the stored states of each member, rad/s, (m,)."""
@@ -137,7 +149,7 @@ def controlled(
         task = plan._replace(scheme=scheme).problem(start, grid, stored, on_gpu=on_gpu, **more)
         return Trial(scheme, grid, task, completion.march(scheme, task, threads))
 
-    goal, floor, (scheme, h, grid, swing) = plan.goal, None, first or first_run(plan, begin)
+    goal, floor, (scheme, pace, h, grid, swing) = plan.goal, None, first or first_run(plan, begin)
     linear = plan.linearised(begin)
     coarse: Trial | None = None
     before: tuple[int, float] | None = None
@@ -152,11 +164,11 @@ def controlled(
             if FLOORS * floor > plan.goal:
                 slowest = 1.0 / (plan.t_end - plan.t_start)
                 floor = _distance(coarse, other, slowest, ends=True) / LARGER
-            fastest = float(coarse.speeds[coarse.done].max(initial=0.0))
-            goal = _within_reach(plan, floor, fastest)
+            pace = coarse.measured(pace)
+            goal = _within_reach(plan, floor, pace.largest)
             amplified = _amplified(floor) if FLOORS * floor > VAGUE else ""
-            scheme, better = first_step(linear, begin, fastest, swing)
-            if scheme != coarse.scheme or not h / OVERRATED < better < h * OVERRATED:
+            scheme, better = first_step(linear, begin, pace, swing)
+            if scheme != coarse.scheme or (abs(np.log(better.values / h.values)) >= log(OVERRATED)).any():
                 h, coarse = better, None
                 grid = _grid(linear, begin, scheme, h)
                 continue
@@ -197,21 +209,28 @@ def controlled(
     return fine, goal, d
 
 
-def first_step(plan: Plan, begin: Starts, fastest: float, swing: float) -> tuple[Integrator, float]:
-    """Return the integrator of the cheapest order, and its step, by the local estimate; `fastest` is |w|."""
-    span = plan.t_end - plan.t_start
-    rate = max(HARMONICS * fastest, swing, 1e-3 / span)
+def first_step(plan: Plan, begin: Starts, pace: Pieces, swing: float) -> tuple[Integrator, Pieces]:
+    """Return the integrator of the cheapest order, and its steps, by the local estimate; `pace`: |w|."""
+    span, lengths, fastest = plan.t_end - plan.t_start, pace.lengths(plan.t_end), np.maximum(pace.values, 1e-300)
+    rates = np.maximum(HARMONICS * pace.values, max(swing, 1e-3 / span))
     if not plan.scheme.is_a_stable:
-        rate = max(rate, plan.decay(begin))
+        rates = np.maximum(rates, plan.decay(begin))
 
-    def step(scheme: Integrator, rate: float, longer: float = 1.0) -> float:
-        h = _resolving(plan, scheme, span * rate) / rate
-        return float(min(longer * h, scheme.largest_turn / max(fastest, 1e-300), span / 2))
+    def steps(scheme: Integrator, rates: Array, longer: float = 1.0) -> Array:
+        h = _resolving(plan, scheme, float(lengths @ rates)) / rates
+        return np.minimum(np.minimum(longer * h, scheme.largest_turn / fastest), span / 2)
 
-    longest = apart_shown(plan, fastest, swing) if plan.is_shown else inf
-    waves = max(rate, 2 * pi * highest_frequency(plan.load))  # which low orders follow in many steps
-    best = min(plan.schemes, key=lambda scheme: scheme.effort / min(step(scheme, waves), longest))
-    return best, min(step(best, rate, LONGER if _order(best) <= LOW else 1.0), longest)
+    longest = apart_shown(plan, pace, swing).values if plan.is_shown else np.inf
+    waves = np.maximum(rates, 2 * pi * highest_frequency(plan.load))  # which low orders follow in many steps
+    shares = lengths / span
+
+    def cost(scheme: Integrator) -> float:
+        decays = 0.0 if len(lengths) == 1 else np.log2(span * plan.decay(begin)) / _resolving(plan, scheme, 1.0) / span
+        return float(shares @ (scheme.effort / np.minimum(steps(scheme, waves), longest)) + scheme.effort * decays)
+
+    best = min(plan.schemes, key=cost)
+    found = steps(best, rates, LONGER if _order(best) <= LOW else 1.0)
+    return best, pace._replace(values=np.minimum(found, longest))
 
 
 def _resolving(plan: Plan, scheme: Integrator, whole: float) -> float:
@@ -226,52 +245,88 @@ def _lag(scheme: Integrator) -> float:
     return float(max(scheme.lag(STEADY), EPS) / STEADY ** (_order(scheme) + 1))
 
 
-def apart_shown(plan: Plan, fastest: float, swing: float) -> float:
+def apart_shown(plan: Plan, pace: Pieces, swing: float) -> Pieces:
     """Return how far states are apart from which figures are made, s: they show a gyration, too, where they can."""
     span = plan.t_end - plan.t_start
-    apart = min(span / FEWEST, TURN / max(fastest, 1e-300), PHASE / max(swing, 1e-300))
+    apart = np.minimum(TURN / np.maximum(pace.values, 1e-300), min(span / FEWEST, PHASE / max(swing, 1e-300)))
     gyration = gyration_rate(plan.systems, plan.load, plan.t_start, plan.t_end)
-    return min(apart, max(PHASE / max(gyration, 1e-300), span / MANY))
+    return pace._replace(values=np.minimum(apart, max(PHASE / max(gyration, 1e-300), span / MANY)))
 
 
 def first_run(plan: Plan, begin: Starts, fastest: float | None = None) -> First:
     """Return what a run or an ensemble begins with; `fastest`: |w|, if known."""
     fastest, plan = plan.fastest(begin) if fastest is None else fastest, plan.linearised(begin)
-    swing = swing_rate(plan.systems, plan.load, begin.load_scale)
-    scheme, h = first_step(plan, begin, fastest, swing)
-    return First(scheme, h, _grid(plan, begin, scheme, h), swing)
+    swing, pace = swing_rate(plan.systems, plan.load, begin.load_scale), plan.pace(begin, fastest)
+    scheme, h = first_step(plan, begin, pace, swing)
+    return First(scheme, pace, h, _grid(plan, begin, scheme, h), swing)
 
 
-def _grid(plan: Plan, begin: Starts, scheme: Integrator, longest: float) -> Stretches:
+def _grid(plan: Plan, begin: Starts, scheme: Integrator, longest: Pieces) -> Stretches:
     """Return the grid of a coarse run; a higher order resolves more of the load in a step."""
-    higher, steps = 1 if plan.is_shown else HIGHER, (plan.t_end - plan.t_start) / longest
+    higher, steps = 1 if plan.is_shown else HIGHER, float(np.sum(longest.lengths(plan.t_end) / longest.values))
     rate, part = plan.decay(begin), 1.0
-    if scheme.is_a_stable and rate * (plan.t_end - plan.t_start) > DECAYS:
+    if scheme.is_a_stable and rate * (plan.t_end - plan.t_start) > _decays(begin):
         raise ValueError(_too_fast(plan, begin, rate))
     if plan.tolerance is not None and not steps <= MOST:
-        is_damped = rate > 0 and not scheme.is_a_stable
-        other = (
-            "the integrator gauss, which takes damped modes in long steps"
-            if is_damped
-            else "an integrator of higher order"
-        )
         raise ValueError(
             f"tolerance = {plan.goal:g} would take about {steps:.1g} steps, and at most {MOST:.0e} are taken: ask for "
-            f"less, or choose {other}"
+            f"less, or choose {damped_steps(plan, begin) or 'an integrator of higher order'}"
         )
     if scheme.is_a_stable:
         part = min(_resolving(plan, scheme, 1.0), 1.0)
+        if rate > 0 and begin.velocity.any():
+            longest = longest._replace(values=np.minimum(longest.values, BALANCED / rate))
     return stretches_of(plan.grid_load, plan.t_start, plan.t_end, longest, True, higher, decay=rate, part=part)
 
 
+def _decays(begin: Starts) -> float:
+    """Return how many decays of a mode a run resolves."""
+    return GONE if begin.velocity.any() else DECAYS
+
+
 def _too_fast(plan: Plan, begin: Starts, rate: float) -> str:
-    span, longest = plan.t_end - plan.t_start, 0.9 * DECAYS / rate
-    step = f", or the integrator lie-midpoint with step = {span / FEWEST / 10:.12g} s, as the body begins at rest"
+    decays = rate * (plan.t_end - plan.t_start)
     return (
-        f"damping slows the body down at a rate of up to {rate:.2g} 1/s: that is {rate * span:.1g} decays in the run, "
-        f"of which at most {DECAYS:.0e} are resolved; use t_end <= {plan.t_start + longest:.2g} s"
-        f"{'' if begin.velocity.any() else step}"
+        f"damping slows the body down at a rate of up to {rate:.2g} 1/s: that is {decays:.1g} decays in the run, of "
+        f"which at most {_decays(begin):.0e} are resolved; use {_creeping_steps(plan, begin, rate)}"
     )
+
+
+def _creeping_steps(plan: Plan, begin: Starts, rate: float) -> str:
+    """Return up to which time a run resolves decays, and the step of one that follows the motion they leave.
+
+    It begins at rest, if the velocity of the start turns the body by no more than is seen. Steps of the midpoint rule
+    turn it by their mean velocity, which is right however long they are; the velocities at nodes are to and fro.
+    """
+    text = f"t_end <= {plan.t_start + 0.9 * _decays(begin) / rate:.2g} s"
+    fastest, linear = plan.fastest(begin), plan.linearised(begin)
+    slowest = slowest_damping(plan.systems, linear.load, begin.load_scale).min()
+    left = steady(plan.t_start, float(linear.pace(begin, fastest).values[-1]))
+    off = fastest / max(slowest, 1e-300) if begin.velocity.any() else 0.0
+    own = linear._replace(scheme=LieMidpoint(), schemes=(LieMidpoint(),), tolerance=CREEPING)
+    swing = swing_rate(plan.systems, linear.load, begin.load_scale)
+    h = even_step(first_step(own, begin, left, swing)[1].largest, plan.grid_load, plan.t_start, plan.t_end)
+    if h is None or (plan.t_end - plan.t_start) / h > MOST or off > CREEPING:
+        return text
+    return (
+        f"{text}, or{', from rest,' if off else ''} the integrator lie-midpoint with step = {h:.12g} s, which finds "
+        f"the attitude to about {CREEPING:g} rad, but no angular velocity"
+    )
+
+
+def damped_steps(plan: Plan, begin: Starts) -> str:
+    """Return what to choose where damped modes must be resolved: what takes them in long steps, and these; or ""."""
+    rate = plan.decay(begin)
+    if not rate > 0 or plan.scheme.automatic is not None:
+        return ""
+    own = plan._replace(scheme=Gauss(), schemes=candidates(Gauss(), True), grid=None, output_times=None)
+    if rate * (plan.t_end - plan.t_start) > _decays(begin):
+        return f"the integrator gauss with {_creeping_steps(own, begin, rate)}"
+    try:
+        grid = finer(first_run(own.of_steps, begin).grid)
+    except ValueError:
+        return ""
+    return f"the integrator gauss without step=, which takes about {grid.steps} steps of up to {grid.longest:.1g} s"
 
 
 @lru_cache(maxsize=64)

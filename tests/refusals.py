@@ -101,7 +101,12 @@ class Renewal:
     """Runs the tests that look at the golden file, and no others."""
 
     def pytest_collection_modifyitems(self, items):
-        items[:] = [one for one in items if re.search(r"\bsa(ys|id)\(", inspect.getsource(one.function))]
+        known = golden()
+        items[:] = [
+            one
+            for one in items
+            if f"{one.path.name}::{one.name}" in known or re.search(r"\bsa(ys|id)\(", inspect.getsource(one.function))
+        ]
 
 
 def renew(*files):

@@ -58,7 +58,8 @@ def test_a_run_that_is_stuck_where_a_load_jumps_names_the_jump(monkeypatch):
     monkeypatch.setattr(continuous, "BLOCK", 200)
     how = {"material_angular_velocity": (1, 0.5, 0.2), "integrator": "continuous"}
     how["load"] = moment(lambda t, d, w: -np.sign(w))
-    with pytest.raises(SimulationError, match=r"stuck at t = 0\.776.* from 1 to -1 N m.* dry_friction") as info:
+    words = r"stuck at t = 0\.776.* from (1 to -1|-1 to 1) N m.* dry_friction"
+    with pytest.raises(SimulationError, match=words) as info:
         simulate(standard([3, 4, 5]), times=[0, 20], **how)
     assert info.value.status == Status.JUMP
     assert simulate(standard([3, 4, 5]), times=[0, 0.77], **how).time.size == 2

@@ -130,6 +130,7 @@ def test_an_interrupted_run_takes_up_its_grid(name, after, monkeypatch, tmp_path
 
     stop = numbers[after] - (after == 3)
     monkeypatch.setattr(stack_march, "NODES", stop)
+    monkeypatch.setattr("nontwist.integrators.marching.KEPT_NODES", 0)
     monkeypatch.setattr(stack_march.StackMarch, "_run", struck)
     with pytest.raises(SimulationInterrupt) as info:
         nt.integrate(BODY, store=7, **W, **how)

@@ -341,3 +341,14 @@ def test_a_function_that_damps_beyond_the_largest_number_is_refused():
     with pytest.warns(UserWarning, match="does not resolve"), pytest.raises(SimulationError) as failed:
         nt.simulate(nt.standard([3, 4, 5]), step=0.1, **about)
     assert failed.value.status == Status.STALLED
+
+
+def test_a_solver_that_damping_holds_to_too_many_steps_is_refused_before_it_begins(monkeypatch):
+    """By 1e6 steps of 6.3/ρ; just below it begins."""
+    longest = 1e6 * 6.3 * 0.01 / 1e4
+    task = {"integrator": "continuous", "rotation": HANGING, "load": nt.damping(1e4)}
+    with pytest.raises(ValueError, match="the integrator gauss without step=, which takes about"):
+        nt.simulate(OIL, times=[0, 1.001 * longest], **task)
+    monkeypatch.setattr("nontwist.driver.completion.march", lambda *arguments: 1 / 0)
+    with pytest.warns(UserWarning, match="will take"), pytest.raises(ZeroDivisionError):
+        nt.simulate(OIL, times=[0, 0.999 * longest], **task)

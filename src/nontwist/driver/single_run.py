@@ -21,6 +21,7 @@ from ..geometry.attitudes import States
 from ..integrators import DEFAULT, IVP, Integrator, SimulationError, SimulationInterrupt, Status, stack_march
 from ..integrators.base import Outcome
 from ..integrators.compiled import Compiled
+from ..integrators.continuous import MOST, Continuous
 from ..integrators.costs import Cost
 from ..integrators.problem import Intervals, Stretches, stretched
 from ..loads import Load
@@ -31,7 +32,7 @@ from .grid import TURN, even_step, load_messages, require_resolution, rest_of, s
 from .notices import progress_bar
 from .planning import Plan, resolve_integrator
 from .starts import AT_REST, Starts
-from .tolerance import First, apart_shown, controlled, finer, first_run
+from .tolerance import First, apart_shown, controlled, damped_steps, finer, first_run
 
 CACHED_NODES = 2**13  # at most, of a plan whose preparation is cached
 
@@ -260,6 +261,11 @@ class Prepared:
         Return whether nothing was said.
         """
         plan, scheme, load = self.plan, self.scheme, self.plan.load
+        if isinstance(scheme, Continuous) and scheme.least_steps(self.whole) > MOST:
+            raise ValueError(
+                f"{scheme.method} of SciPy would take more than {MOST:.0e} steps, as damping is so fast; use "
+                f"{damped_steps(plan, self.begin)}"
+            )
         is_quiet = not (load.terms and scheme.is_compiled) or notices.warn_of_cost(load)
         is_quiet &= notices.announce(self.cost, scheme, self.whole)
         if not plan.off_grid and plan.grid is not None:

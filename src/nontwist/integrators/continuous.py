@@ -120,6 +120,11 @@ class Continuous(Integrator):
         steps = min(MOST, expected_steps(self, problem))
         return Cost(states, "states", (states * STATE_NS + steps * STEP_NS) * 1e-9, 0)
 
+    def least_steps(self, problem: IVP) -> float:
+        """Return how many steps damping asks for at least: longer ones of explicit methods are not stable."""
+        rate = damping_rate(problem.systems, problem.load)
+        return (problem.t_end - problem.t_start) * rate / STABLE.get(self.method, np.inf)
+
     def march_one(self, problem: IVP) -> March:
         """Integrate `problem` to its output times."""
         system = problem.system

@@ -11,7 +11,7 @@ from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 
 import nontwist as nt
-from conftest import cross
+from conftest import cross, thinned
 from nontwist.errors import SimulationError, Status
 from nontwist.integrators.costs import damping_rate, largest_velocity, slowest_damping, swing_rate
 from nontwist.loads import Load
@@ -201,8 +201,7 @@ def test_what_damping_bounds():
     assert faster == pytest.approx(3.0, rel=1e-2)
 
 
-@pytest.mark.parametrize("scheme", ["split", "energy-momentum"])
-@pytest.mark.parametrize("rate", [0.0, 10.0])
+@pytest.mark.parametrize(("scheme", "rate"), thinned(3, ["split", "energy-momentum"], [0.0, 10.0]))
 def test_what_must_resolve_every_decay_names_what_need_not(scheme, rate):
     """With the steps, which are those of a run that takes the advice."""
     words = r"or (?:choose )?the integrator gauss without step=, which takes about (\d+) steps of up to (\S+) s$"
@@ -248,8 +247,7 @@ def test_more_decays_than_round_off_allows_are_refused_with_what_works(monkeypat
     assert angles(crept)[-1] == pytest.approx(2 * np.arctan(np.tan(0.5) * np.exp(-10)), rel=1e-6, abs=0)
 
 
-@pytest.mark.parametrize("c", DAMPED)
-@pytest.mark.parametrize("rate", [0.1, -100.0])
+@pytest.mark.parametrize(("c", "rate"), thinned(3, DAMPED, [0.1, -100.0]))
 def test_a_velocity_at_the_start_turns_the_body_and_is_gone(c, rate):
     """By about W J/c; states between steps are within the tolerance as well, while it decays and later."""
     t, (angle, rates) = pendulum(c, rate)

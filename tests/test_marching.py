@@ -172,6 +172,14 @@ def test_marches_that_are_kept_change_no_bit(body, load, how, monkeypatch):
     assert [bits(*W) for W in starts] == kept
 
 
+def test_an_ensemble_of_one_has_its_own_scale_of_the_load():
+    how = {"t_end": 1, "step": 0.05, "load": nt.sine((1, -2, 0.5), 0.7) + nt.damping(0.3)}
+    for scale in (2.0, 0.5, 2.0):
+        run = nt.integrate(nt.standard([3, 4, 5]), **how | {"load": scale * how["load"]})
+        one = nt.simulate_ensemble(nt.standard([3, 4, 5]), **how, load_scale=[scale])
+        assert np.array_equal(one.material_angular_velocity.values[0, -1], run.material_angular_velocity[-1])
+
+
 @pytest.mark.parametrize("how", [{}, {"step": 0.1}, {"times": [0.5, 1.0]}])
 def test_functions_in_python_are_called_anew_in_every_run(how):
     gain = [1.0]

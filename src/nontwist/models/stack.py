@@ -212,10 +212,8 @@ def _shared_spin(bodies: Sequence[DirectorSystem]) -> tuple[Spin | None, Array |
     return known[0], np.array([float(spin is not None) for spin in spins])
 
 
-def stacked(system: DirectorSystem | SystemStack | Sequence[DirectorSystem]) -> SystemStack:
+def stacked(system: DirectorSystem | SystemStack) -> SystemStack:
     """Return `system` as a stack, of one where it is a body."""
-    if isinstance(system, (list, tuple)):
-        return SystemStack.of(system)
     return system if isinstance(system, SystemStack) else _stack_of_one(as_system(system))
 
 

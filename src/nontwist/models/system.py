@@ -106,7 +106,8 @@ def euler_inertia(J: ArrayLike, *, physical: bool = True, axis: ArrayLike | None
 def checked_inertia(J: ArrayLike, physical: bool = True, axis: Array | None = None) -> Array:
     """Return `J`, (3, 3) or 3 principal values, as a symmetric (3, 3) array; errors as in `euler_inertia`."""
     J = _symmetric(as_tensor(J, "inertia", "3 principal moments or a (3, 3) array"), "inertia")
-    if _is_definite(np.trace(J) / 2 * np.eye(3) - J) and as_flag(physical, "physical") in (True, False):
+    physical = as_flag(physical, "physical")
+    if _is_definite(np.trace(J) / 2 * np.eye(3) - J):  # E, so that J is definite, and its moments are those of a body
         return J
     a, b, c = principal = np.linalg.eigvalsh(J)
     is_massless_about_axis = axis is not None and max(abs(J @ axis)) <= SYMMETRY * c
@@ -115,7 +116,7 @@ def checked_inertia(J: ArrayLike, physical: bool = True, axis: Array | None = No
             b > 0 and abs(a) < SYMMETRY * c
         )
         raise ValueError(f"inertia is not positive definite: its smallest principal moment is {a:.6g}{but}")
-    if not as_flag(physical, "physical"):
+    if not physical:
         return J
     if a + b < c - 2 * TRIANGLE * principal.sum():
         raise ValueError(

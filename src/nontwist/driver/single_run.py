@@ -21,7 +21,7 @@ from ..geometry.attitudes import States
 from ..integrators import DEFAULT, IVP, Integrator, SimulationError, SimulationInterrupt, Status, stack_march
 from ..integrators.base import Outcome
 from ..integrators.compiled import Compiled
-from ..integrators.continuous import MOST, Continuous
+from ..integrators.continuous import MOST, Continuous, least_steps
 from ..integrators.costs import Cost
 from ..integrators.problem import Intervals, Stretches, stretched
 from ..loads import Load
@@ -261,7 +261,7 @@ class Prepared:
         Return whether nothing was said.
         """
         plan, scheme, load = self.plan, self.scheme, self.plan.load
-        if isinstance(scheme, Continuous) and scheme.least_steps(self.whole) > MOST:
+        if isinstance(scheme, Continuous) and least_steps(scheme, self.whole) > MOST:
             raise ValueError(
                 f"{scheme.method} of SciPy would take more than {MOST:.0e} steps, as damping is so fast; use "
                 f"{damped_steps(plan, self.begin)}"

@@ -120,11 +120,6 @@ class Continuous(Integrator):
         steps = min(MOST, expected_steps(self, problem))
         return Cost(states, "states", (states * STATE_NS + steps * STEP_NS) * 1e-9, 0)
 
-    def least_steps(self, problem: IVP) -> float:
-        """Return how many steps damping asks for at least: longer ones of explicit methods are not stable."""
-        rate = damping_rate(problem.systems, problem.load)
-        return (problem.t_end - problem.t_start) * rate / STABLE.get(self.method, np.inf)
-
     def march_one(self, problem: IVP) -> March:
         """Integrate `problem` to its output times."""
         system = problem.system
@@ -197,6 +192,12 @@ def solver_of(method: str) -> Any:
     return getattr(scipy.integrate, method)
 
 
+def least_steps(scheme: Continuous, problem: IVP) -> float:
+    """Return how many steps damping asks for at least: longer ones of explicit methods are not stable."""
+    rate = damping_rate(problem.systems, problem.load)
+    return (problem.t_end - problem.t_start) * rate / STABLE.get(scheme.method, np.inf)
+
+
 @np.errstate(all="ignore")
 def expected_steps(scheme: Continuous, problem: IVP) -> float:
     """Return the expected number of steps of the solver; loads that are functions are not considered."""
@@ -205,9 +206,8 @@ def expected_steps(scheme: Continuous, problem: IVP) -> float:
     span = problem.t_start, problem.t_end
     fastest = largest_velocity(problem.systems, problem.velocity, known, *span, by_energy=True)
     rate = max(fastest, RESOLVED / problem.load.resolution) / (a * scheme.rtol ** (1 / p))
-    if scheme.method in STABLE:
-        rate = max(rate, damping_rate(problem.systems, problem.load) / STABLE[scheme.method])
-    return float(rate * (problem.t_end - problem.t_start) + STARTS * (len(_limits(problem)) - 1))
+    steps = max(rate * (problem.t_end - problem.t_start), least_steps(scheme, problem))
+    return float(steps + STARTS * (len(_limits(problem)) - 1))
 
 
 class _Split:

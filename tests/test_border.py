@@ -152,15 +152,3 @@ def test_values_that_are_no_arrays():
     assert as_function(len, "f") is len
     with pytest.raises(ValueError, match=r"n must be a whole number >= 1, got a value of type int"):
         as_whole(-(10**5000), "n", 1)
-
-
-@pytest.mark.parametrize("step", [1e-100, 0.1, 2.0, 1e6])
-def test_the_second_quotient_of_any_step_has_all_its_digits(step):
-    """The angles of h, h/2 and h/4 differ by less than round-off where h is short: the quotient tends to 4."""
-    mpmath = pytest.importorskip("mpmath")
-    with mpmath.workdps(450):
-        h, t = mpmath.mpf(step), mpmath.mpf(0.7 * step)
-        one, two, four = (t * k / h * 2 * mpmath.atan(h / (2 * k)) for k in (1, 2, 4))
-        truth = float(mpmath.sin((two - one) / 2) / mpmath.sin((four - two) / 2))
-    (found,) = exact.discrete_second_quotient((1, 0, 0), step, [0.7 * step])
-    assert found == pytest.approx(truth, rel=1e-12)

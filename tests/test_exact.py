@@ -192,7 +192,7 @@ def test_the_discrete_scheme_in_closed_form():
 
 
 @pytest.mark.parametrize("W", [[6, -18, 0], [0.3, 0.1, 0]])
-@pytest.mark.parametrize("h", [2.0, 0.1, 1e-3, 1e-8, 2e-103, 2e-104, 1e-120])
+@pytest.mark.parametrize("h", [0.1, 1e-3, 1e-8, 2e-103, 2e-104, 1e-120])
 def test_accuracy_of_the_second_quotient(W, h):
     """Against the formula in 400 digits, where the differences of the angles have cancelled 240 of them."""
     steps = np.array([1, 2, 3, 7, 33])

@@ -134,15 +134,6 @@ def test_the_published_momentum_of_hairer_lubich_and_wanner():
     assert allclose(run.material_momentum.values[-1], printed, atol=1e-7)
 
 
-def test_a_moment_of_the_state_acts_on_a_point():
-    """The moment -k e3 × d3 of a spring across the vertical, on the point of the pendulum."""
-    push = nt.moment(lambda t, directors, w: np.cross(directors[2], (0.0, 0.0, 2.0)))
-    turned = [[1, 0, 0], [0, 0, -1], [0, 1, 0]]
-    run = nt.simulate(nt.nontwisting([1, 1, 0]), t_end=1, step=0.01, load=push, rotation=turned)
-    energy = run.kinetic_energy.values - 2 * run.directors.values[:, 2, 2]
-    assert abs(energy - energy[0]).max() < 1e-6
-
-
 def test_the_director_scheme_keeps_energy_and_momentum_though_E_is_indefinite():
     """E has an eigenvalue of -0.75: K + V and the vertical momentum stay, the lengths too, and the order is 2."""
     assert np.linalg.eigvalsh(HEAVY.euler_inertia)[0] == pytest.approx(-0.75)
@@ -239,10 +230,8 @@ def test_the_word_goes_with_the_body():
 test_refused_by_name = refused_as(
     {
         "coefficients": lambda: nt.potential((0, 0, 1), (0, 0, 5)),
-        "indefinite": lambda: nt.standard([1, 2, -1], physical=False),
         "indefinite, held": lambda: nt.nontwisting([1, 2, -1], physical=False),
         "nothing across the axis": lambda: nt.nontwisting([0, 1, 1], physical=False),
-        "free": lambda: nt.standard([1, 1, 0], physical=False),
         "another axis": lambda: nt.suslov([1, 1, 0], (1, 0, 1)),
     }
 )

@@ -140,7 +140,6 @@ test_a_damaged_run_is_refused_in_words = refused_as(
         lambda: nt.resample(run().drop_attrs(), [0.1]),
         lambda: nt.resample(run().isel(axis=0), [0.1]),
         lambda: nt.resample(run().assign(directors=run().directors * 1j), [0.1]),
-        lambda: nt.resample(run().assign_attrs(system="{}"), [0.1]),
     ]
 )
 

@@ -29,10 +29,8 @@ test_refused_with_the_value = refused_as(
         "form": lambda: Continuous(form="weak"),
         "rtol": lambda: Continuous(rtol=-1),
         "step": lambda: simulate(standard([1, 1, 1]), times=[0, 1], step=0.1, integrator="continuous"),
-        "unsorted": lambda: simulate(standard([1, 1, 1]), times=[0, 2, 1], integrator="continuous"),
         "outside": lambda: simulate(standard([1, 1, 1]), times=[-1, 2], integrator="continuous"),
         "no end": lambda: simulate(standard([1, 1, 1]), integrator="continuous"),
-        "no end on a grid": lambda: simulate(standard([1, 1, 1])),
     }
 )
 
@@ -44,11 +42,13 @@ def test_a_load_that_fails_ends_the_run_with_the_states_before():
     assert (info.value.status, info.value.partial.time.tolist()) == (Status.LOAD, [0, 0.25, 0.5])
 
 
-def test_a_run_of_too_many_steps_is_aborted():
+def test_a_run_of_too_many_steps_is_aborted(monkeypatch):
+    monkeypatch.setattr(continuous, "CHECK_EVERY", 100)
+    monkeypatch.setattr(continuous, "PATIENCE", 100)
     how = {"t_end": 1, "step": 0.1, "material_angular_velocity": (0, 1e12, 1e12), "integrator": "continuous"}
     said, words = (
         r"^the run will take about 33 min 20 s",
-        r"DOP853 would need more than 1e\+06 steps, after 1000 it has",
+        r"DOP853 would need more than 1e\+06 steps, after 100 it has",
     )
     with pytest.warns(UserWarning, match=said), pytest.raises(SimulationError, match=words):
         integrate(standard([3, 4, 5]), **how)
@@ -65,14 +65,15 @@ def test_a_run_that_is_stuck_where_a_load_jumps_names_the_jump(monkeypatch):
     assert simulate(standard([3, 4, 5]), times=[0, 0.77], **how).time.size == 2
 
 
-@pytest.mark.parametrize("name", ["standard", "nontwisting"])
-def test_the_two_forms_agree_in_runs(name):
+def test_the_two_forms_agree_in_runs():
     """For other bodies it is a check of validation."""
     how = {"t_end": 1, "step": 0.25, "angular_velocity": [1, -2, 0.5], "project": True, "load": LOAD}
-    a, b = (simulate(BODIES[name](), integrator=Continuous(form=form, **FINE), **how) for form in ("split", "director"))
+    a, b = (
+        simulate(BODIES["nontwisting"](), integrator=Continuous(form=form, **FINE), **how)
+        for form in ("split", "director")
+    )
     for key in ("directors", "director_velocities", "load_work", "moment", "reaction_moment"):
-        assert (key in a) == (key in b) == (key != "reaction_moment" or name == "nontwisting")
-        assert key not in a or a[key].values == pytest.approx(b[key].values, abs=1e-11)
+        assert a[key].values == pytest.approx(b[key].values, abs=1e-11)
     energy = (a.kinetic_energy + a.potential_energy).values
     assert np.diff(energy) == pytest.approx(a.load_work.values, abs=1e-11)
     assert "newton_iterations" not in a

@@ -30,7 +30,7 @@ WEIGHT = np.outer([0.3, 0.2, 1.4], DOWN)
 C = np.array([[0.3, 0.05, 0], [0.02, 0.2, -0.03], [0, 0.01, 0.4]])
 TIMES, VALUES = np.array([-0.01, 0.23, 0.47, 0.83, 1.22]), np.random.default_rng(1).normal(size=(5, 3))
 WHEEL, SPEEDS, MOMENTA = np.array([2, -2, 1]) / 3, np.array([-0.3, 0.53, 1.7]), np.array([0.5, 1.5, -0.4])
-PEAK, FREQUENCY, PHASE = np.array([0.6, -0.3, 0.8]), 0.7, 0.2
+PEAK = np.array([0.6, -0.3, 0.8])
 EYE = np.eye(3)
 START = {"material_angular_velocity": W0, "rotation": R0}
 NUMBERS = {  # what runs are differentiated by; and what is beside J along its principal axes, and beside R0

@@ -108,23 +108,6 @@ def test_a_body_rests_until_what_it_carries_moves_it(beside, axis, scheme):
     assert spin == pytest.approx(expected, abs=2e-8 if axis is None else 1e-12)
 
 
-def test_a_stepper_takes_the_steps_of_the_run():
-    body, friction = BODIES["suslov"], nt.dry_friction(0.3, (0.6, 0, 0.8))
-    how, start = {"step": 0.05, "integrator": "gauss", "order": 4}, {"material_angular_velocity": W0, "project": True}
-    loop = nt.stepper(body, load=ONE + friction, **how)
-    loop.reset(**start)
-    states = [loop.step(body_moment=(0.1, 0, 0.2), wheel_torque=[0.1]) for _ in range(24)]
-    whole = nt.wheel(AXES[0], 0.2, 2.0, 0.1, viscous=0.03, coulomb=0.05) + nt.body_moment(lambda t: (0.1, 0, 0.2))
-    run = nt.simulate(body, t_end=1.2, load=whole + friction, **start, **how)
-    assert states[-1].quaternion == pytest.approx(run.quaternion.values[-1], abs=1e-13)
-    for name in ("material_angular_velocity", "wheel_speed", "wheel_momentum", "wheel_work", "wheel_loss"):
-        assert getattr(states[-1], name) == pytest.approx(run[name].values[-1], abs=1e-13)
-    assert [one.load_work for one in states] == pytest.approx(run.load_work.values, abs=1e-14)
-    assert [one.reaction_moment for one in states] == pytest.approx(run.reaction_moment.values, abs=1e-12)
-    loop.state = states[10]
-    assert loop.step(body_moment=(0.1, 0, 0.2), wheel_torque=[0.1]) == states[11]
-
-
 def test_statistics_are_those_of_the_run():
     body, load = nt.with_gravity(BODIES["suslov"], 1, (0, 0, 0.5)), ONE + nt.dry_friction(0.05, (0.6, 0, 0.8))
     how = {"t_end": 3, "step": 0.05, "load": load, "project": True}

@@ -14,8 +14,6 @@ from covering.problems import BODIES as KINDS
 from covering.problems import FULL
 from nontwist.integrators import INTEGRATORS
 from nontwist.integrators.compiled import Compiled
-from nontwist.integrators.problem import IVP
-from nontwist.integrators.stack_march import StackMarch
 
 BODIES = {name: KINDS[name](1.0) for name in ("standard", "nontwisting", "suslov", "heavy top")}
 SCHEMES = {name: one for name, one in INTEGRATORS.items() if issubclass(one, Compiled)}
@@ -48,29 +46,6 @@ LOADS = {  # of moments s r², times over r, damping s r
     "compiled": lambda s, r: s * r * r * compiled_load(slowed(r)),
     "about an axis": lambda s, r: s * r * r * nt.sine((1, 2, 0), 0.7 * r),
 }
-
-
-@pytest.mark.parametrize("order", [2, 6])
-@pytest.mark.parametrize("load", ["none", "pulse", "sines and damping"])
-def test_members_of_any_form_have_the_bits_of_a_run_of_their_own(load, order):
-    """Heavy bodies and others in one stack, whose loads split takes at other nodes."""
-    held, m = nt.nontwisting([3, 4, 5]), 6
-    bodies = [held, nt.with_gravity(held, 0.5, [0.1, 0.2, 0.3])] * (m // 2)
-    W, scales = starts(held, m), np.linspace(0, 2, m)
-
-    def march(some):
-        system, q = nt.DirectorSystem.stack([bodies[i] for i in some]), np.tile([0.5, 0.5, -0.5, 0.5], (len(some), 1))
-        grid = 0.0, 1.2, 60, np.arange(61)
-        problem = IVP(system, q, W[some], LOADS[load](1, 1), *grid, scales[some], intervals=True)
-        found = StackMarch(problem, SCHEMES["split"](order=order))
-        found.run(threads=2)
-        return found.arrays
-
-    together = march(list(range(m)))
-    for i in range(m):
-        alone = march([i])
-        for name in ("quaternions", "velocities", "intervals", "states"):
-            assert np.array_equal(alone[name][0], together[name][i]), (name, i)
 
 
 @pytest.mark.parametrize(("scheme", "body"), marked(PAIRS))

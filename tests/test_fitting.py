@@ -387,7 +387,6 @@ test_wrong_sensors = refused_as(
         "rate": lambda: sensed(rate=0.5),
         "delay": lambda: sensed(delay=-0.01),
         "delay without a rate": lambda: sensed(delay=0.01),
-        "a short run": lambda: sensed(seconds=0.01, step=0.005, rate=99),
         "a short run, delayed": lambda: sensed(seconds=0.5, rate=4, delay=0.4),
         "uneven": lambda: nt.sensors.gyroscope(nt.simulate(nt.standard(FREE), t_end=1, times=[0, 0.1, 0.5]), noise=1),
     }

@@ -19,7 +19,7 @@ from nontwist.integrators.gauss_coefficients import matrix, nodes, weights
 from nontwist.validation.problems import SHARP
 
 ORDERS = Gauss.orders
-FEW = [pytest.param(k, marks=[] if k in (2, 6, 16) else [pytest.mark.long]) for k in ORDERS]
+FEW = [pytest.param(k, marks=[] if k in (2, 6) else [pytest.mark.long]) for k in ORDERS]
 TILTED = [[3, 0.2, 0.4], [0.2, 4, -0.3], [0.4, -0.3, 5]]
 START = {"angular_velocity": [1, -2, 0.5], "rotation": [0.5, 0.5, -0.5, 0.5], "scalar_first": False, "project": True}
 HOW = {**START, "t_end": 2, "step": 0.1, "integrator": "gauss"}

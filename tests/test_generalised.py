@@ -108,7 +108,7 @@ def truth(name):
     return by_scipy(J, W, FORCED[name][1], 2.0, q, max_step=0.05)[::2]
 
 
-@pytest.mark.parametrize(("name", "way"), thinned(2, FORCED, STEPPING))
+@pytest.mark.parametrize(("name", "way"), thinned(3, FORCED, STEPPING))
 def test_motion_and_work_in_every_integrator(name, way):
     """The order of both; and momentum changes by the moment, energy by the work."""
     load, (scheme, order), errors = FORCED[name][0](), way, []
@@ -165,7 +165,7 @@ def test_a_quadratic_potential_is_its_forces_on_directors(body, scheme):
 
 
 GYROSTATS = {f"{name}, rotor": POTENTIALS[name] + nt.rotor((1, 0, 0.5), 0.8) for name in ("quadratic", "linear")}
-CASES = [*thinned(2, [FREE, HELD, SLANTED], POTENTIALS), *product([FREE], GYROSTATS)]
+CASES = [*thinned(3, [FREE, HELD, SLANTED], POTENTIALS), *product([FREE], GYROSTATS)]
 
 
 @pytest.mark.parametrize(("body", "name"), CASES)

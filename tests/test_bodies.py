@@ -13,7 +13,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import nontwist as nt
-from conftest import PAPER_J, random_inertia
+from conftest import NONTWISTING, PAPER_J, STANDARD, random_inertia
 from exact_reference import EYE, by_scipy
 from nontwist.inertia import convected_inertia, euler_inertia, principal_frame
 from nontwist.split_form import split_inertia
@@ -87,7 +87,7 @@ def test_bodies_are_equal_by_their_numbers_and_json_is_exact():
     same = [nt.nontwisting([1, 2, 3], spin=([0, 1], [2, 3])), pickle.loads(pickle.dumps(body))]
     assert {body, *same, nt.DirectorSystem.from_json(body.to_json())} == {body}
     assert nt.with_gravity(body, 1, (0.1, 0, 0)).spin.is_like(body.spin)
-    assert "spin" not in nt.nontwisting([3, 4, 5]).to_json()
+    assert "spin" not in NONTWISTING.to_json()
     assert body not in (nt.nontwisting([1, 2, 3], spin=([0, 1], [2, 3.5])), nt.standard([1, 2, 3]))
 
 
@@ -101,7 +101,7 @@ def test_a_body_is_short_to_show_and_has_its_inertia():
     rows = "[(3, −0.1429, 0), (−0.1429, 4, 0), (0, 0, 5)] kg m²"
     assert repr(body) == f"<DirectorSystem 'nontwisting under gravity': inertia {rows}, axis (0, 0, 1), dead forces>"
     assert np.array_equal(body.inertia, body.convected_inertia)
-    stack = nt.DirectorSystem.stack([nt.standard([3, 4, 5])] * 1000)
+    stack = nt.DirectorSystem.stack([STANDARD] * 1000)
     assert repr(stack) == "<SystemStack 'standard': 1000 bodies, the first of inertia diag(3, 4, 5) kg m²>"
     assert np.array_equal(stack.inertia, stack.convected_inertia)
     assert len(repr(nt.DirectorSystem(np.eye(3), name="x" * 90)).partition(":")[0]) == len("<DirectorSystem ") + 80
@@ -210,7 +210,7 @@ def test_closed_forms_of_held_bodies_need_no_moment_about_the_axis():
 
 
 def test_the_word_goes_with_the_body():
-    body, ordinary = nt.standard([1, 2, 6], physical=False), nt.standard([3, 4, 5])
+    body, ordinary = nt.standard([1, 2, 6], physical=False), STANDARD
     again = nt.DirectorSystem.from_json(body.to_json())
     assert not again.physical
     assert np.array_equal(again.euler_inertia, body.euler_inertia)

@@ -10,13 +10,14 @@ import pytest
 import scipy.sparse
 
 import nontwist as nt
+from conftest import NONTWISTING
 from nontwist import exact, plot, sphere
 from nontwist.geometry.arrays import as_array, as_floats, as_number
 from nontwist.geometry.values import as_function, as_list, as_path, as_whole
 from nontwist.runfile import read_run_file
 from refusals import refused_as
 
-BODY = nt.nontwisting([3, 4, 5])
+BODY = NONTWISTING
 
 
 @cache

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from conftest import BODIES, PAPER_J
+from conftest import BODIES, PAPER_J, STANDARD
 from nontwist import damping, integrate, moment, nontwisting, pulse, resample, simulate, sine, space_moment, standard
 from nontwist.errors import SimulationError, Status
 from nontwist.integrators import Continuous, continuous
@@ -51,7 +51,7 @@ def test_a_run_of_too_many_steps_is_aborted(monkeypatch):
         r"DOP853 would need more than 1e\+06 steps, after 100 it has",
     )
     with pytest.warns(UserWarning, match=said), pytest.raises(SimulationError, match=words):
-        integrate(standard([3, 4, 5]), **how)
+        integrate(STANDARD, **how)
 
 
 def test_a_run_that_is_stuck_where_a_load_jumps_names_the_jump(monkeypatch):
@@ -60,9 +60,9 @@ def test_a_run_that_is_stuck_where_a_load_jumps_names_the_jump(monkeypatch):
     how["load"] = moment(lambda t, d, w: -np.sign(w))
     words = r"stuck at t = 0\.776.* from (1 to -1|-1 to 1) N m.* dry_friction"
     with pytest.raises(SimulationError, match=words) as info:
-        simulate(standard([3, 4, 5]), times=[0, 20], **how)
+        simulate(STANDARD, times=[0, 20], **how)
     assert info.value.status == Status.JUMP
-    assert simulate(standard([3, 4, 5]), times=[0, 0.77], **how).time.size == 2
+    assert simulate(STANDARD, times=[0, 0.77], **how).time.size == 2
 
 
 def test_the_two_forms_agree_in_runs():
@@ -126,7 +126,7 @@ def test_tolerances_are_in_units_of_the_problem(form, size):
     scheme = Continuous(form=form, rtol=1e-8, atol=1e-10)
     how = {"t_end": 3, "step": 1, "material_angular_velocity": (0.01, 2, 0.01), "integrator": scheme}
     run = simulate(standard(size * np.array([3.0, 4, 5])), load=damping(0.1 * size), **how)
-    one = simulate(standard([3, 4, 5]), load=damping(0.1), **how)
+    one = simulate(STANDARD, load=damping(0.1), **how)
     assert run.directors.values == pytest.approx(one.directors.values, abs=1e-9)
     assert run.kinetic_energy.values / size == pytest.approx(one.kinetic_energy.values, rel=1e-9)
 

@@ -8,7 +8,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import nontwist as nt
-from conftest import PAPER_J
+from conftest import PAPER_J, STANDARD
 from nontwist.driver.grid import count_steps, free_memory
 from nontwist.errors import InputError, Option, SimulationError, Status
 from refusals import refused_as, says
@@ -134,7 +134,7 @@ def test_an_input_error_reaches_another_process():
 def test_automatic_steps_are_shortened_by_the_speed_that_is_reached():
     """By 2 % more than it takes: of 100 steps at first the last is too far to be taken."""
     load = nt.moment(lambda t, d, w: (0.0, 0.0, 5 * 390.1), compiled=True)
-    run = nt.integrate(nt.standard([3, 4, 5]), t_end=1, load=load, integrator="lie-midpoint")
+    run = nt.integrate(STANDARD, t_end=1, load=load, integrator="lie-midpoint")
     assert len(run.time) - 1 == np.ceil(1.02 * 390.1 / 0.05)
 
 

@@ -6,11 +6,11 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import root
 from scipy.spatial.transform import Rotation
 
+from conftest import PAPER_J as J
 from nontwist import heavy_top, least_effort, nontwisting, rotations, simulate, standard, suslov
 from nontwist.driver import effort
 from refusals import refused_as
 
-J = np.array([[3, -1 / 7, 0], [-1 / 7, 4, 0], [0, 0, 5]])
 EYE = Rotation.identity()
 SKEW = Rotation.from_rotvec([0.9, -0.7, 1.1])
 

@@ -10,7 +10,7 @@ import xarray
 from scipy.spatial.transform import Rotation
 
 import nontwist as nt
-from conftest import BODIES, PAPER_J, random_inertia
+from conftest import BODIES, PAPER_J, STANDARD, random_inertia
 from nontwist.analysis.statistics import STATISTICS
 from nontwist.errors import SimulationError
 from nontwist.integrators import stack_march
@@ -342,5 +342,5 @@ def test_an_ensemble_keeps_what_it_returns_alone(how, times):
 def test_velocities_are_read_by_their_labels():
     W = np.arange(9.0).reshape(3, 3)
     labelled = xarray.DataArray(W.T[::-1], dims=("director", "member"), coords={"director": [3, 2, 1]})
-    many = nt.simulate_ensemble(nt.standard([3, 4, 5]), t_end=1, step=0.1, material_angular_velocity=labelled)
+    many = nt.simulate_ensemble(STANDARD, t_end=1, step=0.1, material_angular_velocity=labelled)
     assert (many.material_angular_velocity.values[:, 0] == W).all()

@@ -9,7 +9,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import nontwist as nt
-from conftest import thinned
+from conftest import NONTWISTING, thinned
+from covering.problems import FULL as J
 from exact_reference import by_scipy
 from nontwist.analysis.invariants import drifts
 from nontwist.errors import SimulationError
@@ -18,8 +19,7 @@ from nontwist.loads.kinds import load_of
 from nontwist.validation.compiled_steps import ReferenceEnergyMomentum
 from refusals import refused_as, says
 
-J = np.array([[3, 0.2, 0.4], [0.2, 4, -0.3], [0.4, -0.3, 5]])
-FREE, HELD, SLANTED = nt.standard(J), nt.nontwisting([3, 4, 5]), nt.suslov(J, (0.3, 0.2, 1))
+FREE, HELD, SLANTED = nt.standard(J), NONTWISTING, nt.suslov(J, (0.3, 0.2, 1))
 START = {
     "rotation": Rotation.from_quat([0.5, 0.1, 0.2, 0.8]),
     "material_angular_velocity": (1, 2, 0.5),

@@ -124,12 +124,7 @@ test_each_wrong_thing_is_a_value_error_that_says_what_is_taken = refused_as(
         lambda: nt.reproduce("x", cases=[[]]),
         lambda: exact.discrete_free([3, 4, 5], (0, 1, 0), 0.1, 10**12),
         lambda: exact.free_standard([3, 4, 5], (1, 2, 3), MASKED),
-        lambda: exact.latitude_turn(MASKED),
-        lambda: nt.curves.nontwisting_frame([[0, 0, 1], [0, 0.6, 0.8]], MASKED),
-        lambda: nt.damping(MASKED),
         lambda: nt.rotation(MASKED),
-        lambda: nt.simulate(BODY, t_end=1, step=0.5, material_angular_velocity=MASKED),
-        lambda: nt.simulate_ensemble(BODY, t_end=1, step=0.5, load_scale=MASKED),
         lambda: sphere.distance(MASKED, (0, 0, 1)),
     ]
 )

@@ -178,7 +178,7 @@ MORE = {  # what a body under a load is differentiated by
     ("nontwisting", "body"): [*FORCED, "axis"],  # by a step that is explicit in the run
 }
 SCHEMES = [("lie-midpoint", 2), ("energy-momentum", 2), *(("gauss", order) for order in (8, 2, 4, 16))]
-QUICK = [("heavy", "none", "gauss", 4), ("standard", "body", "gauss", 4), ("nontwisting", "none", "gauss", 4)]
+QUICK = [("heavy", "none", "gauss", 4), ("nontwisting", "none", "gauss", 4)]
 QUICK += [("standard", "none", "energy-momentum", 2), ("nontwisting", "body", "lie-midpoint", 2)]
 QUICK += [*(("suslov", "all", *scheme) for scheme in SCHEMES[:3])]
 QUICK += [("spinning", "none", "gauss", 8), ("spinning", "none", "lie-midpoint", 2), ("spinning", "orbit", "gauss", 4)]
@@ -212,7 +212,7 @@ def test_forces_on_a_free_body_act_as_on_its_rows(inertia, order):
 
 
 @pytest.mark.filterwarnings("ignore:.*step")
-@pytest.mark.parametrize(("scheme", "order"), or_long([*SCHEMES[:2], ("gauss", 2), ("gauss", 16)], [("gauss", 4)]))
+@pytest.mark.parametrize(("scheme", "order"), or_long([*SCHEMES[:2], ("gauss", 2)], [("gauss", 4), ("gauss", 16)]))
 def test_a_body_that_hardly_turns(scheme, order):
     """Its attitude turns by t dW, though its momentum turns by any angle, and in a longer run by W."""
     how = {"wrt": ["material_angular_velocity", "inertia", "duration"], "integrator": scheme, "order": order}
@@ -228,13 +228,13 @@ def test_a_body_that_hardly_turns(scheme, order):
         assert abs(turn[:, 9] - W).max() <= 1e-12 * abs(W).max()
 
 
-@pytest.mark.parametrize(("order", "steps", "bound"), [(4, 50, 3e-10), (16, 50, 3e-13)])
-def test_a_top_that_hangs_at_rest(order, steps, bound):
+@pytest.mark.parametrize(("order", "bound"), or_long([(4, 3e-10)], [(16, 3e-13)]))
+def test_a_top_that_hangs_at_rest(order, bound):
     """Linearised about equilibrium the motion is a pendulum, J dW' = -K δ, δ' = dW, K = m g l (I - u uᵀ)."""
     u, o = np.array([0.3, -0.2, 0.6]) / 0.7, np.zeros((3, 3))
     top, down = nt.heavy_top(J, 1.0, 0.7 * u, gravity=(0, 0, -2)), Rotation.align_vectors([[0, 0, -1]], [u])[0]
     how = {"t_end": 1, "rotation": down, "integrator": "gauss", "order": order}
-    d = nt.sensitivities(top, wrt=["rotation", "material_angular_velocity"], step=1 / steps, **how)
+    d = nt.sensitivities(top, wrt=["rotation", "material_angular_velocity"], step=0.02, **how)
     exact = expm(np.block([[o, EYE], [-np.linalg.solve(J, 1.4 * (EYE - np.outer(u, u))), o]]))
     assert abs(last(d) - exact).max() <= bound
     grown = nt.lyapunov(top, **how | {"t_end": 100, "step": 0.05})  # its steps were not solved again

@@ -110,7 +110,7 @@ def truth(name):
 
 @pytest.mark.parametrize(("name", "way"), thinned(3, FORCED, STEPPING))
 def test_motion_and_work_in_every_integrator(name, way):
-    """The order of both; and momentum changes by the moment, energy by the work."""
+    """The order of both; that momentum changes by the moment, and energy by the work: `test_contract`."""
     load, (scheme, order), errors = FORCED[name][0](), way, []
     directors, work = truth(name)
     for n in (64, 128):
@@ -118,13 +118,7 @@ def test_motion_and_work_in_every_integrator(name, way):
         errors.append((abs(run.directors.values[-1] - directors).max(), abs(run.load_work.values.sum() - work)))
     orders = np.log2(errors[0]) - np.log2(errors[1])
     assert orders[0] == pytest.approx(order or 2, abs=0.25)
-    if load.potentials:
-        return
-    assert orders[1] == pytest.approx(order or 2, abs=0.25)
-    gained = np.diff(run.kinetic_energy.values[[0, -1]])[0]
-    assert gained == pytest.approx(run.load_work.values.sum(), abs=1e-12 * abs(work) + 1e-12)
-    impulse = run.moment.values.T @ np.diff(run.time.values)
-    assert impulse == pytest.approx(np.diff(run.spatial_momentum.values[[0, -1]], axis=0)[0], abs=1e-12)
+    assert load.potentials or orders[1] == pytest.approx(order or 2, abs=0.25)
 
 
 @pytest.mark.parametrize("name", FORCED)

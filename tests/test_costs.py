@@ -91,12 +91,6 @@ def test_what_is_not_smooth_is_refused_when_a_million_pieces_are_made(monkeypatc
         assert (nontwisting_body.too_many(nt.sine([1, 0, 0], 80), np.linspace(2, 3, count)) is None) == (count == 301)
 
 
-def test_the_pieces_are_no_more_than_forecast():
-    load, limits = nt.sine([1, 0, 0], 123.4) + nt.sine([0, 1, 0], 123.4 / 7), np.array([0, 1.7])
-    pieces, expected = nontwisting_body.pieces_of(load, limits), nontwisting_body.expected_pieces(load, 0, 1.7)
-    assert expected / 5 - 2 < len(pieces.a) < expected + 8
-
-
 def test_where_the_glance_sees_no_load_the_march_still_does():
     t = np.append(np.linspace(0, 1, 50_001), [2])
     values = np.zeros((50_002, 3))

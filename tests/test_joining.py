@@ -153,9 +153,7 @@ def test_runs_are_taken_in_the_order_of_their_labels():
     for function in (
         lambda run: nt.point_position(run, (1, 2, 3)),
         lambda run: nt.simulate(STANDARD, t_end=2, step=0.1, start=run).directors,
-        lambda run: nt.resample(run, [0.25]).directors,
         lambda run: nt.join_runs(run).directors,
-        lambda run: nt.sensors.gyroscope(run).gyroscope,
         lambda run: nt.twist(run, axis="z").twist_angle,
     ):
         assert np.array_equal(function(other), function(run))

@@ -229,7 +229,6 @@ def test_the_word_goes_with_the_body():
 
 test_refused_by_name = refused_as(
     {
-        "coefficients": lambda: nt.potential((0, 0, 1), (0, 0, 5)),
         "indefinite, held": lambda: nt.nontwisting([1, 2, -1], physical=False),
         "nothing across the axis": lambda: nt.nontwisting([0, 1, 1], physical=False),
         "another axis": lambda: nt.suslov([1, 1, 0], (1, 0, 1)),

@@ -313,7 +313,6 @@ test_what_is_refused = refused_as(
     [partial(nt.sensitivities, nt.standard(J), **HOW | wrong) for wrong in WRONG]
     + [partial(nt.gradient, nt.standard(J), **HOW | wrong) for wrong in [NO_WEIGHT, {"d_rotation": np.zeros((2, 3))}]]
     + [partial(jacobian, wrt="velocity", **HOW), partial(jacobian, times=[0.5, 1], step=0.1)]
-    + [partial(nt.sensitivities, nt.standard(J), load=nt.wheel("x", 0.01), **HOW | NO_WEIGHT)]
 )
 
 

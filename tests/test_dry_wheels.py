@@ -194,9 +194,7 @@ def test_beside_another_load_with_memory_what_holds_a_wheel_is_found():
 
 test_what_is_refused = refused_as(
     [
-        lambda: nt.wheel("x", 1, coulomb=-1),
         lambda: nt.simulate(nt.standard(J), t_end=1, load=nt.wheel("z", 0.2, coulomb=1) + nt.dry_friction(1)),
-        lambda: nt.sensitivities(nt.standard(J), t_end=1, load=nt.wheel("z", 0.2, coulomb=1)),
         lambda: nt.simulate(nt.standard(J), t_end=1, load=nt.wheel("z", 1, coulomb=1), integrator="energy-momentum"),
     ]
 )

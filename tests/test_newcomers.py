@@ -11,11 +11,13 @@ import shutil
 import subprocess
 import sys
 from dataclasses import dataclass, replace
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 from typing import Annotated, ClassVar
 from unittest.mock import patch
 
+import distributed
 import numpy as np
 import pytest
 
@@ -473,12 +475,16 @@ def test_kinds_of_bodies_are_named_where_they_are_declared_only():
     assert named == {"models/bodies.py", "exact/__init__.py"}
 
 
-def test_commands_import_modules_of_ones_own(here, write, monkeypatch):
-    """Before or after the command, whose hints then have the option; and in processes of Dask."""
+MAGNET = """load = [{ kind = "magnet", dipole = [0.3, 0, 1.2], field = [2e-5, 0, -4e-5] }]
+body = { kind = "standard", inertia = [2e-5, 3e-5, 4e-5] }
+time.t_end = 1
+"""
+
+
+def test_commands_import_modules_of_ones_own(here, write):
+    """Before or after the command, whose hints then have the option."""
     shutil.copy(ROOT / "examples" / "own_load.py", "own_load.py")
-    load = 'load = [{ kind = "magnet", dipole = [0.3, 0, 1.2], field = [2e-5, 0, -4e-5] }]\n'
-    body = '[body]\nkind = "standard"\ninertia = [2e-5, 3e-5, 4e-5]\n[time]\nt_end = 1\n'
-    write(load + body)
+    write(MAGNET)
     alone = ended(3, "check", "run.toml")
     assert next(line for line in alone.stderr.splitlines() if "load.0.kind" in line).endswith(
         f'"gravity_gradient"{YOUR_OWN}'
@@ -490,9 +496,17 @@ def test_commands_import_modules_of_ones_own(here, write, monkeypatch):
     for name in ("run", "magnet"):
         importing(LOADS, "run", f"{name}.toml", "--import", "own_load", "--quiet")
         assert open_run(f"{name}.nc").attrs["status"] == 0
-    over = '[time]\nt_end = 1\nstep = 0.1\n[[sweep.over]]\nkey = "load.0.scale"\nkind = "list"\nvalues = [1, 2]\n'
-    write(load + body.partition("[time]")[0] + over, "sweep.toml")
-    monkeypatch.syspath_prepend(here)  # as processes of a session do not begin in this folder
+
+
+@pytest.mark.parametrize("has_processes", [False, pytest.param(True, marks=pytest.mark.long)])
+def test_workers_of_dask_import_modules_of_ones_own(has_processes, here, write, monkeypatch):
+    """Threads or processes, which do not begin in this folder."""
+    cluster = partial(distributed.LocalCluster, processes=has_processes)
+    monkeypatch.setattr("distributed.LocalCluster", cluster)
+    monkeypatch.syspath_prepend(here)
+    shutil.copy(ROOT / "examples" / "own_load.py", "own_load.py")
+    over = 'time.step = 0.1\n[[sweep.over]]\nkey = "load.0.scale"\nkind = "list"\nvalues = [1, 2]\n'
+    write(MAGNET + over, "sweep.toml")
     words = ["sweep", "sweep.toml", "--import", "own_load", "--dask", "local", "--workers", "1"]
     assert "2, 0 failed" in importing(LOADS, *words).stdout
 

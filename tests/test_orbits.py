@@ -40,17 +40,6 @@ def test_keplers_equation_to_round_off(e):
     assert np.allclose(on_orbit(M, 0.5), np.transpose([on_orbit(float(m), 0.5) for m in M]), rtol=0, atol=1e-14)
 
 
-def test_orders_on_an_ellipse():
-    """Against SciPy; on another ellipse by Newton's law of gravity: nontwist.validation."""
-    how = {"t_end": 4, "load": gravity_gradient(n, eccentricity=0.4), **TUMBLING}
-    truth = simulate(HYPERION, step=0.02, integrator="continuous", **how).directors.values[-1]
-    for scheme, order in (("lie-midpoint", 2), ("energy-momentum", 2), ("gauss", 4)):
-        runs = [simulate(HYPERION, step=h, integrator=scheme, order=order, **how) for h in (0.04, 0.02)]
-        errors = [abs(run.directors.values[-1] - truth).max() for run in runs]
-        assert np.log2(errors[0] / errors[1]) == pytest.approx(order, abs=0.1)
-    assert abs(simulate(HYPERION, **how).directors.values[-1] - truth).max() < 1e-8
-
-
 def test_forced_libration():
     """θ - n t swings by 2e ω²/(ω² - n²), ω² = 3 n² (B - A)/C (Goldreich & Peale 1966): of ω² = 1/2 by -2e, to O(e²)."""
     body, small = standard([1.0, 1.0 + 1 / 6, 1.0]), 1e-4

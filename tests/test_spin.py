@@ -74,16 +74,6 @@ def test_the_drive_does_the_work_that_is_missing():
     assert abs(fine.directors.values - exact.directors.values).max() < 1e-11
 
 
-@pytest.mark.parametrize(("scheme", "order"), [("gauss", 2), ("gauss", 4), ("lie-midpoint", 2)])
-def test_the_order_is_that_of_the_scheme(scheme, order):
-    body = nt.with_gravity(nt.nontwisting([3, 4, 5], spin=([0.5, 1.0], [0.4, 3.0])), 1.5, (0.1, 0, 0.3))
-    how = {"t_end": 1.5, "material_angular_velocity": W0, "load": nt.damping(0.1), "store": "end"}
-    exact = nt.integrate(body, integrator="continuous", step=1.5, **how).directors[-1]
-    steps = 1.5 / np.array([96, 192] if order == 2 else [48, 96])
-    coarse, fine = (nt.integrate(body, step=h, integrator=scheme, order=order, **how).directors[-1] for h in steps)
-    assert np.log2(abs(coarse - exact).max() / abs(fine - exact).max()) == pytest.approx(order, abs=0.1)
-
-
 def test_without_spin_the_bits_are_those_of_the_non_twisting_body():
     how = {"t_end": 2, "step": 0.05, "material_angular_velocity": W0}
     plain = nt.simulate(nt.nontwisting([3, 4, 5]), **how)

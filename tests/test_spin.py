@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 
 import nontwist as nt
 from nontwist.analysis.invariants import drifts, twist_defect
@@ -33,16 +32,6 @@ def test_the_velocity_is_the_closed_solution(J, scheme, order):
         C, S = np.cosh(phi), np.sinh(phi) / root
         exact = [C * W0[0] + a * S * W0[1], b * S * W0[0] + C * W0[1], np.interp(t, *TABLE)]
         assert abs(W - np.real(exact)).max() < 2e-11
-
-
-def test_the_attitude_of_a_symmetric_body_is_the_closed_solution():
-    """Λ = exp(t (W_0 + λ e3)^) exp(-λ t ê3), λ = c (C - A)/A, where c is constant and J = diag(A, A, C)."""
-    A, C, c = 3.0, 4.5, 1.7
-    lam = c * (C - A) / A
-    run = nt.simulate(nt.nontwisting([A, A, C], spin=c), t_end=4, material_angular_velocity=W0)
-    t = run.time.values[:, None]
-    exact = Rotation.from_rotvec(t * np.array([1, 2, c + lam])) * Rotation.from_rotvec(t * np.array([0, 0, -lam]))
-    assert (nt.rotation(run).inv() * exact).magnitude().max() < 1e-11
 
 
 @pytest.mark.parametrize(("scheme", "order"), SCHEMES)

@@ -402,8 +402,8 @@ def test_an_integrator_of_one_order_needs_no_field_for_it(here, write):
         assert json.loads(run.attrs["integrator"]) == {"name": "heun", "order": 3}
     with pytest.raises(ValueError, match=r"^heun has the order 3; got order = 2$"):
         simulate(BRICK, integrator="heun", order=2, **how)
-    run, truth = (simulate(BRICK, tolerance=x, integrator=one, **how) for one, x in (("heun", 1e-6), ("gauss", 1e-10)))
-    assert abs(run.directors[-1] - truth.directors[-1]).max() < 1e-6
+    run, truth = (simulate(BRICK, tolerance=x, integrator=one, **how) for one, x in (("heun", 1e-4), ("gauss", 1e-10)))
+    assert abs(run.directors[-1] - truth.directors[-1]).max() < 1e-4
     coarse = r"by 85\.9 degrees in it \(heun, order 3\); try step <= 0\.03, the integrator gauss, or tolerance = 1e-6$"
     with pytest.warns(UserWarning, match=coarse):
         simulate(BRICK, t_end=1, step=0.1, material_angular_velocity=(15, 0, 0), integrator="heun")

@@ -215,7 +215,7 @@ AGAIN = [
 ]
 
 
-@pytest.mark.parametrize("text", AGAIN)
+@pytest.mark.parametrize("text", [*AGAIN[:5], *(pytest.param(text, marks=pytest.mark.long) for text in AGAIN[5:])])
 def test_a_member_runs_again_to_the_same_bits(text, write, tmp_path):
     """Whether its attitude is fixed or swept."""
     store = tmp_path / "store"

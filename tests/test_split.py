@@ -1,6 +1,7 @@
 """split: measured orders, what it keeps exactly, and the exact motion without load at any step."""
 
 from itertools import product
+from math import fsum
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from conftest import BODIES, PAPER_J, compiled_load
 from nontwist.analysis.variables import angular_velocity, material, orthonormality_defect
 from nontwist.errors import SimulationError, Status
 from nontwist.integrators import Split, stack_march
+from nontwist.integrators.split import HALVES, fractions, nodes
 from nontwist.validation.orders import swing
 from nontwist.validation.problems import FINE, pushed
 from refusals import says
@@ -193,3 +195,15 @@ def test_means_between_times_that_are_nodes_are_those_between_nodes(integrator, 
     assert abs(nodes.multipliers).max() > 0.1
     for name in ("multipliers", "spatial_reaction_moment", "load_work"):
         np.testing.assert_allclose(times[name], nodes[name], rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.parametrize("order", HALVES)
+def test_coefficients_are_symmetric_and_loads_are_sampled_inside_the_step(order):
+    """Σ γ = 1 and Σ γ³ = Σ γ⁵ = ... = 0: the conditions of a linear problem."""
+    gamma, c = fractions(order), nodes(order)
+    for power in range(1, order, 2):
+        assert fsum(g**power for g in gamma) == pytest.approx(float(power == 1), abs=1e-15)
+    assert np.array_equal(gamma, gamma[::-1])
+    assert len(gamma) == {2: 1, 4: 5, 6: 9}[order]
+    assert 0.05 < c.min() <= c.max() < 0.95
+    assert c + c[::-1] == pytest.approx(1, abs=1e-15)

@@ -59,8 +59,8 @@ def has(text, *words):
     assert [one for one in words if one not in text] == [], text
 
 
-def test_the_first_five_minutes(here, monkeypatch):
-    monkeypatch.setattr("matplotlib.figure.Figure.savefig", lambda *figure, **how: None)  # see test_paths_of_results
+@pytest.mark.usefixtures("undrawn")  # figures are drawn in test_paths_of_results
+def test_the_first_five_minutes(here):
     has(nontwist("example").stdout, *example_names())
     said(ended(0, "example", "heavy_top").stderr)
     text = Path("heavy_top.toml").read_text(encoding="utf-8").replace("t_end = 4.0", "t_end = 0.1")

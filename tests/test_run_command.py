@@ -106,6 +106,7 @@ def test_quiet_prints_nothing_but_warnings_and_errors(here):
             assert told(command, "run.toml", "--quiet", *options) == (0, "", errors)
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_figures_have_as_many_states_as_they_need(here, monkeypatch):
     """Twelve steps of 50 degrees, and curves of a hundred states; of fine steps those of the run."""
     drawn = []
@@ -310,6 +311,7 @@ def test_a_comparison_cuts_no_number(here):
         assert ("a wider terminal shows" in shown.stderr) == (width == 60)
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_compare(here):
     here(BODY + TIME + START)
     midpoint, steps = ["--integrator", "lie-midpoint:2"], ["--step", "0.1", "--step", "0.05"]

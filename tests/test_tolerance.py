@@ -196,7 +196,7 @@ def test_a_jump_that_no_stage_sees_is_refused():
         return np.where(d[2] @ w < 0.1, 0.5, 0.0) * d[2]
 
     body, load = nt.standard([40, 50, 60]), nt.moment(law, compiled=True)
-    for speed in (0.0468, 0.0734268198709379, 0.08005390509141001, 0.05348700271797271, 0.0801246916804313):
+    for speed in (0.0468, 0.0734268198709379, 0.0801246916804313):
         with pytest.raises(SimulationError) as told:
             nt.simulate(body, t_end=40, load=load, material_angular_velocity=(0, 0, speed))
         assert told.value.status == Status.JUMP

@@ -83,6 +83,14 @@ def test_volumes_of_a_suslov_body_shrink_at_the_rate_of_its_equations(scheme):
         assert found.values[k - 1].sum() == pytest.approx(expected, rel=1e-5)
 
 
+@pytest.mark.long
+def test_chaos_of_a_heavy_top():
+    top, how = nt.heavy_top([3, 2.5, 1], 1, (0.1, 0.2, 1)), {"t_end": 300, "step": 0.05}
+    chaotic = nt.lyapunov(top, material_angular_velocity=(1, 2, 1), **how).lyapunov_exponent.values
+    assert chaotic[-1, 0] > 0.3
+    assert abs(chaotic[-1] + chaotic[-1, ::-1]).max() < 0.05  # pairs
+
+
 KICK = nt.body_moment([0, 1, 2, 3], np.array([[0, 0, 0], [0.3, 0, 0.1], [0, 0.4, 0], [0, 0, 0]]))
 STARTS = np.random.default_rng(4).normal(size=(9, 3))
 

@@ -1,6 +1,5 @@
 """A body, an integrator and a reader that are registered at run time, as the pages say, count everywhere."""
 
-import ast
 import json
 import os
 import pickle
@@ -462,17 +461,6 @@ def test_an_integrator_without_numbers_of_steps_fails_its_check():
 
 def test_the_keys_of_bodies_are_those_of_run_files():
     assert {"kind", *KEYS} == set(Body.model_fields)
-
-
-def test_kinds_of_bodies_are_named_where_they_are_declared_only():
-    """Else an if-chain would treat a newcomer as one of them. `exact.suslov` is a function; `validate` has cases."""
-    named = set()
-    for path in (ROOT / "src" / "nontwist").rglob("*.py"):
-        text = path.read_text(encoding="utf-8")
-        nodes = ast.walk(ast.parse(text)) if any(f'"{name}"' in text for name in BODIES) else ()
-        if path.parent.name != "validation" and {getattr(node, "value", "") for node in nodes} & set(BODIES):
-            named.add(f"{path.parent.name}/{path.name}")
-    assert named == {"models/bodies.py", "exact/__init__.py"}
 
 
 MAGNET = """load = [{ kind = "magnet", dipole = [0.3, 0, 1.2], field = [2e-5, 0, -4e-5] }]

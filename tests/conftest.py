@@ -68,6 +68,13 @@ def no_figures_are_left():
 
 
 @pytest.fixture
+def undrawn(monkeypatch):
+    """Let matplotlib draw nothing: files of figures are empty."""
+    for name in ("savefig", "draw_without_rendering"):
+        monkeypatch.setattr(f"matplotlib.figure.Figure.{name}", lambda *figure, **how: None)
+
+
+@pytest.fixture
 def here(tmp_path, monkeypatch):
     """An empty folder to work in."""
     monkeypatch.chdir(tmp_path)

@@ -25,7 +25,6 @@ from .result import Fit, Part
 from .shooting import Loss, Shooting, Stretch, noise_of, noise_of_attitudes, require_turning, require_unsaturated
 from .solving import CALLS, PATIENT
 from .telling import beyond_the_wall
-from .telling import told as told_of
 
 KNOWN = 1e-12  # a prior that leaves nothing open; squares of the inverse of a smaller one may overflow
 OUTSIDE = 4.0  # standard errors beyond the flat bodies
@@ -242,7 +241,7 @@ class Task:
             seen = start, down, how, one.left_out, one.notes, spun, stretch.quaternions, attitude
             parts.append(Part(one.name, stretch.time, stretch.rates, explained[k], *seen))
         fit = Fit(tuple(parts), found, tuple(map(str, self.said)), self.sigma)
-        if (outside := beyond_the_wall(found, told_of(found, white=True))) > OUTSIDE:
+        if (outside := beyond_the_wall(found)) > OUTSIDE:
             raise NoMotionError(
                 f"no body has the inertia implied by {self.names}: {_beyond(model)} by {outside:.3g} standard "
                 "errors; is the unit right, is the interval free of hands and impacts?"

@@ -31,7 +31,7 @@ from ..integrators.marching import Marched
 from ..integrators.problem import FIRST, OBSERVED, onward
 from ..integrators.stepping import one_by_one
 from ..loads.base import state_moment_at
-from ..loads.memory import Memory, Wheel
+from ..loads.memory import Memory, Wheel, gain_of_energy
 from ..loads.terms import Term
 from .grid import require_resolution
 
@@ -183,6 +183,23 @@ def _failed_members(problem: IVP, outcome: Outcome) -> Iterator[tuple[int, int, 
         elif done[i] and outcome.observed is not None and not (fine := _finite_columns(outcome)[i]).all():
             name = str(COLUMN_NAMES[fine.argmin()])
             yield i, 1, problem.failed(1, Status.NOT_FINITE, OVERFLOW.format(name))
+    yield from _driven_members(problem, outcome)
+
+
+def _driven_members(problem: IVP, outcome: Outcome) -> Iterator[tuple[int, int, Failure]]:
+    """Yield members as `_failed_members` in which friction, a function, gives energy to a wheel."""
+    rubbing = [(a, wheel.friction) for a, wheel in enumerate(problem.load.wheels) if wheel.friction is not None]
+    if not rubbing:
+        return
+    acting = Acting.of(problem.load, problem.stored_times)
+    found = observables(("wheel_speed", "wheel_loss"), problem.systems, outcome.states, acting)
+    for a, friction in rubbing:
+        speed, loss = found["wheel_speed"][..., a], found["wheel_loss"][..., a]
+        for i, n in enumerate(outcome.good.tolist()):
+            for k in np.flatnonzero(np.diff(loss[i, :n]) < 0).tolist():
+                if reason := gain_of_energy(friction, np.linspace(speed[i, k], speed[i, k + 1], GLANCES)):
+                    yield i, k + 1, problem.failed(k + 1, Status.LOAD, reason)
+                    break
 
 
 def _is_safe(problem: IVP, outcome: Outcome) -> NDArray[np.bool_]:

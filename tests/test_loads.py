@@ -193,18 +193,10 @@ def magnet(monkeypatch):
 
 
 FILE = """
-[body]
-kind = "standard"
-inertia = [3, 4, 5]
-[start]
-angular_velocity = { body = [0.5, 0, 2] }
-[[load]]
-kind = "magnet"
-dipole = [0.3, 0.0, 1.2]
-field = [0, 1, -2]
-[time]
-t_end = 0.2
-step = 0.1
+body = { kind = "standard", inertia = [3, 4, 5] }
+start.angular_velocity.body = [0.5, 0, 2]
+load = [{ kind = "magnet", dipole = [0.3, 0.0, 1.2], field = [0, 1, -2] }]
+time = { t_end = 0.2, step = 0.1 }
 """
 OVER = '[sweep]\nover = [{ key = "load.0.dipole.1", kind = "list", values = [0, 1, 2] }]\n'
 

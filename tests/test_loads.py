@@ -72,6 +72,15 @@ def test_sums_and_multiples():
     assert [term["scale"] for term in load.description] == [2, -0.5, -1]
 
 
+def test_damping_in_body_components():
+    q = np.array([[0, 1, 0], [-1, 0, 0], [0, 0, 1.0]])
+    w = np.array([1.0, 2, 3])
+    expected = -(q.T @ np.diag([1, 2, 3]) @ q) @ w
+    assert nt.damping([1, 2, 3]).state_moment(0, q, w) == pytest.approx(expected)
+    assert nt.damping(np.diag([1, 2, 3])).state_moment(0, q, w) == pytest.approx(expected)
+    assert nt.damping(0.5).state_moment(0, q, w) == pytest.approx(-0.5 * w)
+
+
 def careless(t, directors, w):
     w[:] = directors[:] = 0
     return w

@@ -244,7 +244,7 @@ class Task:
         if (outside := beyond_the_wall(found)) > OUTSIDE:
             raise NoMotionError(
                 f"no body has the inertia implied by {self.names}: {_beyond(model)} by {outside:.3g} standard "
-                "errors; is the unit right, is the interval free of hands and impacts?"
+                "errors; check the unit, and that the interval is free of hands and impacts"
             )
         return fit
 
@@ -311,7 +311,9 @@ class Task:
             except ValueError:
                 continue
             if fit.is_explained:
-                found, _ = fit.rotor_axis if other.pivot is model.pivot else fit.centre
+                found = np.zeros(0)
+                if other.physical:
+                    found, _ = fit.rotor_axis if other.pivot is model.pivot else fit.centre
                 return f"; it fits with {words.format(','.join(f'{x + 0.0:.4g}' for x in found.round(4)))}"
         return ""
 
@@ -353,6 +355,8 @@ def _others(model: Model) -> Iterator[tuple[Model, str]]:
     if pivot is not None and pivot.direction is not None:
         free = replace(model, pivot=replace(pivot, direction=None))
         yield free, "the centre of mass along {}, or opposite: mass and distance"
+    if model.physical and not model.is_absolute:
+        yield replace(model, physical=False), "moments that no distribution of mass has: --unphysical (physical=False)"
 
 
 def _beyond(model: Model) -> str:

@@ -28,6 +28,7 @@ from ..loads import Load
 from . import completion, notices
 from .contacts import refusal
 from .events import Ended, Event, march_to_events
+from .grid import MOST as MOST_STATES
 from .grid import TURN, even_step, load_messages, require_resolution, rest_of, stored_count, stretches_of
 from .notices import progress_bar
 from .planning import Plan, resolve_integrator
@@ -238,6 +239,11 @@ class Prepared:
         if plan.is_between and self.first is not None:
             apart = apart_shown(plan, self.first.pace, self.first.swing)
             shown = max(1, int((apart.lengths(plan.t_end) / apart.values).sum()))
+            if shown > MOST_STATES:
+                raise ValueError(
+                    f"figures need {shown:.3g} states, and at most {MOST_STATES:.0e} are stored: choose times= or "
+                    "store='end'"
+                )
         return stored_count(shown, plan.store)
 
     @cached_property
@@ -318,7 +324,7 @@ class Prepared:
             return steps
         assert steps.stretches is not None
         own = plan._replace(scheme=steps.integrator)
-        if self.first is not None and plan.is_between:
+        if self.first is not None and plan.is_between and plan.output_times is None:
             sizes = np.sqrt(np.square(steps.material_angular_velocity).sum(axis=1))
             longest = apart_shown(plan, self.first.pace.measured(steps.time, sizes), self.first.swing)
             shown = stretches_of(plan.grid_load, plan.t_start, plan.t_end, longest)

@@ -339,3 +339,23 @@ def test_a_moment_that_is_as_large_as_friction_lets_the_body_slide_on():
     load = nt.constant((0.5, 0, 0)) + nt.dry_friction(0.5, "x")
     run = nt.simulate(nt.standard([1, 2, 3 - 1e-9]), t_end=50, step=0.5, material_angular_velocity=(1, 0, 0), load=load)
     assert np.allclose(run.material_angular_velocity, [1, 0, 0], rtol=0, atol=1e-13)
+
+
+def test_a_jump_is_looked_for_from_the_last_state_that_is_stored(monkeypatch):
+    """And not from the start, with half of all calls of a load in Python."""
+    from nontwist.driver import completion
+
+    marched, march = [], completion.unchecked
+    monkeypatch.setattr(completion, "unchecked", lambda *a, **b: (marched.append(a[1].steps), march(*a, **b))[1])
+    body = nt.heavy_top([1.2, 1.1, 0.5], 1.7, (0, 0, 0.6))
+    load = nt.moment(lambda t, directors, w: (-0.8 * np.sign(w[0]), 0, 0))
+    how = {"load": load, "rotation": Rotation.from_euler("x", np.pi - 2.1), "t_end": 12, "step": 0.02}
+    said, again = set(), []
+    for choice in ({}, {"store": 7}, {"store": "end"}):
+        with pytest.raises(SimulationError, match="jumps with the state") as caught:
+            nt.simulate(body, **how | choice)
+        said.add(str(caught.value))
+        again.append(sum(marched) - 600)
+        marched.clear()
+    assert len(said) == 1
+    assert again[0] == 0 < again[1] < 7 < again[2]

@@ -87,7 +87,9 @@ def march(scheme: Integrator, problem: IVP, threads: int = 1) -> Outcome:
         outcome.observed[:, :, COLUMN_NAMES == "potential_energy"] += problem.load_scale[:, None, None] * V * over
     reasons = dict(outcome.reasons)
     for i in np.flatnonzero(outcome.failures[:, 0] == Status.STALLED).tolist():
-        if (failure := named_jump(scheme, problem.member(i), outcome.failure(i))) is not None:
+        last = int(outcome.good[i]) - 1
+        known = None if problem.output_times is not None else (int(problem.stored[last]), outcome.states.part(i, last))
+        if (failure := named_jump(scheme, problem.member(i), outcome.failure(i), known)) is not None:
             outcome.failures[i], reasons[i] = failure[:4], failure.reason
     for i, good, failure in _failed_members(problem, outcome):
         outcome.good[i] = good
@@ -261,21 +263,23 @@ RATES = "in z' "  # of internal states
 Value = Callable[[float, Array, Array, Array], Array]  # of time, directors as rows, W, and internal states
 
 
-def named_jump(scheme: Integrator, problem: IVP, failure: Failure | None) -> Failure | None:
-    """Return where the load of one body jumps, if that is why an iteration has stalled."""
+def named_jump(
+    scheme: Integrator, problem: IVP, failure: Failure | None, known: tuple[int, States] | None = None
+) -> Failure | None:
+    """Return where the load of one body jumps, if that is why an iteration has stalled; `known`: a node, its state."""
     from .contacts import Contacts
 
     values = list(_values(problem))
     if failure is None or not values or problem.load.is_dry:  # of which parts were looked into
         return None
     at = Contacts(scheme, problem)
-    p, W, z, t = at.state.quaternion, at.state.velocity, at.state.internal, float(problem.times(failure.step))
-    if failure.step:
-        before = unchecked(scheme, onward(problem, 0, failure.step))
+    t, (first, state) = float(problem.times(failure.step)), known or (0, None)
+    if first < failure.step:
+        before = unchecked(scheme, onward(problem, first, failure.step, state))
         if before.failure() is not None:
             return None
-        states = before.states.part(0)
-        p, W, z = states.quaternion[-1], states.velocity[-1], None if states.internal is None else states.internal[-1]
+        state = before.states.part(0, -1)
+    p, W, *_, z = state or at.state
     z = np.zeros(0) if z is None else z
     try:
         path = _path(at, t, p, W, z)

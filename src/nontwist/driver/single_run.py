@@ -22,7 +22,7 @@ from ..integrators import DEFAULT, IVP, Integrator, SimulationError, SimulationI
 from ..integrators.base import Outcome
 from ..integrators.compiled import Compiled
 from ..integrators.continuous import MOST, Continuous, least_steps
-from ..integrators.costs import Cost
+from ..integrators.costs import Cost, seconds_of_call
 from ..integrators.problem import Intervals, Stretches, stretched
 from ..loads import Load
 from . import completion, notices
@@ -35,6 +35,7 @@ from .planning import Plan, resolve_integrator
 from .starts import AT_REST, Starts
 from .tolerance import First, apart_shown, controlled, damped_steps, finer, first_run
 
+CALLS = 25  # of a load in Python at a stage of a step that is chosen, in all runs together
 CACHED_NODES = 2**13  # at most, of a plan whose preparation is cached
 
 
@@ -254,7 +255,11 @@ class Prepared:
     @property
     def cost(self) -> Cost:
         """What it costs, about."""
-        return notices.run_cost(self.scheme, self.whole, self.states)
+        cost, load = notices.run_cost(self.scheme, self.whole, self.states), self.plan.load
+        if self.first is None or load.is_compiled:
+            return cost
+        calls = CALLS * cost.parts * self.scheme.nodes
+        return cost._replace(seconds=max(cost.seconds, calls * seconds_of_call(load, self.whole)))
 
     @property
     def remark(self) -> str | None:

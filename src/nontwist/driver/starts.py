@@ -206,7 +206,7 @@ def starts(
         if given is None and hasattr(start, "time"):
             warn(InputWarning("start-at-rest", time=t_start or 0))
         attitude = rotation if start is None else start
-        p = _quaternions(attitude, scalar_first) if many else last_attitude(attitude, scalar_first)
+        p = _quaternions(attitude, scalar_first) if many else last_attitude(attitude, scalar_first, rotation is None)
         begin, axis = Starts(p, np.zeros((1, 3)) if given is None else _vectors(given, name, many)), systems.axis
     elif given is not None:
         raise ValueError("start= is a run and brings its velocities; leave the angular velocity out")
@@ -241,12 +241,24 @@ def as_rotation(value: Any, scalar_first: bool | None = None) -> Any:
     return rotation(value, scalar_first=scalar_first)
 
 
-def last_attitude(rotation: Any, scalar_first: bool | None) -> Array:
-    """Return the quaternion of an attitude, of a motion the last, (1, 4)."""
+def last_attitude(rotation: Any, scalar_first: bool | None, is_motion: bool = False) -> Array:
+    """Return the quaternion of an attitude, of a motion the last, (1, 4); errors as `one_attitude`."""
     if rotation is None:
         return AT_REST.quaternion
-    R = as_rotation(rotation, scalar_first=scalar_first)
-    return (R if R.single else R[-1]).as_quat()[None]
+    return one_attitude(rotation, scalar_first, "rotation", is_motion).as_quat()[None]
+
+
+def one_attitude(value: Any, scalar_first: bool | None, name: str, is_motion: bool = False) -> Rotation:
+    """Return an attitude, of a motion the last; a ValueError where several have no times and are not called one."""
+    R: Rotation = as_rotation(value, scalar_first=scalar_first)
+    if R.single:
+        return R
+    has_times = "time" in value.dims if hasattr(value, "dims") else hasattr(value, "time") or hasattr(value, "columns")
+    if len(R) > 1 and not (is_motion or has_times):
+        raise ValueError(
+            f"{name} must be one attitude, got {len(R)}: {name}=Q[0] is the first; simulate_ensemble takes several"
+        )
+    return R[-1]
 
 
 def _quaternions(rotation: Any, scalar_first: bool | None) -> Array:

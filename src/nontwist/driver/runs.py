@@ -63,8 +63,9 @@ def simulate(
         at all stored states. `error_estimate` is the difference of two runs.
     t_start : float, s, optional
         By default 0, or the end of `start`.
-    start : Dataset or Trajectory, optional
-        Continue from the last state of a run, including the director velocities. A motion without velocities (see
+    start : Dataset, Trajectory or BodyState, optional
+        Continue from the last state of a run, including the director velocities; or from a state that an event or a
+        stepper has seen, with its time, and its wheels if the load has them. A motion without velocities (see
         `rotation`) provides only its last attitude, with a warning where it has times. If whole steps of that run lead
         to `t_end`, its time grid is continued as well: with lie-midpoint and energy-momentum the states are then, bit
         for bit, those of a single run; otherwise they agree to round-off, or to the tolerance where steps are chosen

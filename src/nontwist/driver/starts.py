@@ -73,6 +73,11 @@ class BodyState:
         return self._numbers[7:]
 
     @property
+    def _carried(self) -> tuple[tuple[float, ...], tuple[Column, ...]]:
+        """The internal states from which a run goes on, and where those of wheels are if not as in the load of it."""
+        return self._numbers[7:], ()
+
+    @property
     def wheel_momentum(self) -> tuple[float, ...]:
         """Axial momentum of each wheel in space, kg m² s⁻¹."""
         return tuple(one[0] for one in self._wheels)
@@ -210,6 +215,12 @@ def starts(
         begin, axis = Starts(p, np.zeros((1, 3)) if given is None else _vectors(given, name, many)), systems.axis
     elif given is not None:
         raise ValueError("start= is a run and brings its velocities; leave the angular velocity out")
+    elif isinstance(start, BodyState):
+        axis = systems.axis
+        if begin.internal is not None and not (load and load.remembering):
+            raise ValueError(
+                f"start= has {begin.internal.size} internal states, of wheels or memory, and the load none"
+            )
     else:
         axis, records = _new_axis(start, systems), _records(start)
         begin = begin._replace(wheels=tuple(recorded_wheels(records)))
@@ -336,6 +347,10 @@ def without_spin(W: Any, axis: Any) -> tuple[tuple[Any, Any, Any], Any, Any]:
 
 def last_state(start: Any) -> Starts | None:
     """Return the last state of a run, or None where `start` holds no velocities."""
+    if isinstance(start, BodyState):
+        z, wheels = start._carried
+        p, W = np.array([start.quaternion]), np.array([start.material_angular_velocity])
+        return Starts(p, W, time=start.time, internal=np.array([z]) if z else None, wheels=wheels)
     if hasattr(start, "data_vars"):
         start = as_dataset(start, "a run for start=", [name for name in NEEDED if name in start])
     if not hasattr(start, "director_velocities"):

@@ -13,7 +13,7 @@ import pytest
 import typer.testing
 from typer.testing import CliRunner
 
-from nontwist import body_moment, damping, moment, nontwisting, sine, space_moment
+from nontwist import body_moment, damping, moment, nontwisting, sine, space_moment, standard
 from nontwist.cli import app
 from nontwist.errors import RunFileError
 from nontwist.kernels import machine_code
@@ -65,6 +65,13 @@ def no_figures_are_left():
     yield
     if "matplotlib.pyplot" in sys.modules:
         sys.modules["matplotlib.pyplot"].close("all")
+
+
+@pytest.fixture
+def undrawn(monkeypatch):
+    """Let matplotlib draw nothing: files of figures are empty."""
+    for name in ("savefig", "draw_without_rendering"):
+        monkeypatch.setattr(f"matplotlib.figure.Figure.{name}", lambda *figure, **how: None)
 
 
 @pytest.fixture
@@ -161,6 +168,8 @@ def problems_of(path, *overrides):
 def paper_body():
     return nontwisting(PAPER_J)
 
+
+STANDARD, NONTWISTING = standard([3, 4, 5]), nontwisting([3, 4, 5])
 
 BODIES = {name: partial(kind.make, **kind.sample) for name, kind in KINDS.items()}
 

@@ -11,10 +11,9 @@ from functools import partial
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
-from scipy.spatial.transform import Rotation
 
 import nontwist as nt
-from conftest import PAPER_J, random_inertia
+from conftest import NONTWISTING, PAPER_J, STANDARD, random_inertia
 from exact_reference import EYE, by_scipy
 from nontwist.inertia import convected_inertia, euler_inertia, principal_frame
 from nontwist.split_form import split_inertia
@@ -88,7 +87,7 @@ def test_bodies_are_equal_by_their_numbers_and_json_is_exact():
     same = [nt.nontwisting([1, 2, 3], spin=([0, 1], [2, 3])), pickle.loads(pickle.dumps(body))]
     assert {body, *same, nt.DirectorSystem.from_json(body.to_json())} == {body}
     assert nt.with_gravity(body, 1, (0.1, 0, 0)).spin.is_like(body.spin)
-    assert "spin" not in nt.nontwisting([3, 4, 5]).to_json()
+    assert "spin" not in NONTWISTING.to_json()
     assert body not in (nt.nontwisting([1, 2, 3], spin=([0, 1], [2, 3.5])), nt.standard([1, 2, 3]))
 
 
@@ -102,7 +101,7 @@ def test_a_body_is_short_to_show_and_has_its_inertia():
     rows = "[(3, −0.1429, 0), (−0.1429, 4, 0), (0, 0, 5)] kg m²"
     assert repr(body) == f"<DirectorSystem 'nontwisting under gravity': inertia {rows}, axis (0, 0, 1), dead forces>"
     assert np.array_equal(body.inertia, body.convected_inertia)
-    stack = nt.DirectorSystem.stack([nt.standard([3, 4, 5])] * 1000)
+    stack = nt.DirectorSystem.stack([STANDARD] * 1000)
     assert repr(stack) == "<SystemStack 'standard': 1000 bodies, the first of inertia diag(3, 4, 5) kg m²>"
     assert np.array_equal(stack.inertia, stack.convected_inertia)
     assert len(repr(nt.DirectorSystem(np.eye(3), name="x" * 90)).partition(":")[0]) == len("<DirectorSystem ") + 80
@@ -116,16 +115,6 @@ def test_axes_have_letters():
 
 
 TILTED = [[1, 0, 0], [0, 0.8, -0.6], [0, 0.6, 0.8]]
-TILTED = [[1, 0, 0], [0, 0.8, -0.6], [0, 0.6, 0.8]]
-W0 = np.array([0.4, -0.3, 0.6])
-FREE = {
-    "Hairer, Lubich and Wanner": ([2, 1, 2 / 3], [np.cos(1.1) / 2, 0, 1.5 * np.sin(1.1)]),
-    "Krogh": ([1, 0.5, 1 / 3], W0),
-    "Krogh 2": ([1 / 6, 1, 2 / 3], W0),
-    "Dzhanibekov": ([3, 5, 9], [0.01, 1, 0.01]),
-    "short fat top": ([3, 3, 9], W0),
-    "Mathematica": ([8, 4, 0.4], W0),
-}
 HEAVY = nt.heavy_top([2, 1, 4.5], 0.3, (0.1, 0.2, 0.5), physical=False)
 
 
@@ -138,32 +127,11 @@ def reference(body, W, t_end, rotation=EYE):
 
 def test_the_published_momentum_of_hairer_lubich_and_wanner():
     """Π(100), printed by GeometricProblems.jl and by DOP853."""
-    J, W = FREE["Hairer, Lubich and Wanner"]
+    J, W = [2, 1, 2 / 3], [np.cos(1.1) / 2, 0, 1.5 * np.sin(1.1)]
     printed = [-0.17734831, -0.59041852, 0.78737129]
     assert allclose(nt.exact.free_standard(J, W, [100.0], physical=False)[1][0] * J, printed, atol=1e-8)
     run = nt.simulate(nt.standard(J, physical=False), t_end=100, material_angular_velocity=W)
     assert allclose(run.material_momentum.values[-1], printed, atol=1e-7)
-
-
-@pytest.mark.parametrize("name", FREE)
-def test_free_bodies_of_the_literature(name):
-    J, W = FREE[name]
-    body = nt.standard(J, physical=False)
-    Lam, end = reference(body, W, 10.0)
-    found, velocity = nt.exact.free_standard(J, W, [10.0], physical=False)
-    assert allclose(found[0], Lam, atol=1e-11)
-    assert allclose(velocity[0], end, atol=1e-11)
-    run = nt.simulate(body, t_end=10.0, material_angular_velocity=W, integrator="gauss", order=8, step=0.05)
-    assert allclose(run.directors.values[-1].T, Lam, atol=1e-10)
-
-
-def test_a_moment_of_the_state_acts_on_a_point():
-    """The moment -k e3 × d3 of a spring across the vertical, on the point of the pendulum."""
-    push = nt.moment(lambda t, directors, w: np.cross(directors[2], (0.0, 0.0, 2.0)))
-    turned = [[1, 0, 0], [0, 0, -1], [0, 1, 0]]
-    run = nt.simulate(nt.nontwisting([1, 1, 0]), t_end=1, step=0.01, load=push, rotation=turned)
-    energy = run.kinetic_energy.values - 2 * run.directors.values[:, 2, 2]
-    assert abs(energy - energy[0]).max() < 1e-6
 
 
 def test_the_director_scheme_keeps_energy_and_momentum_though_E_is_indefinite():
@@ -217,7 +185,7 @@ def test_a_point_on_a_massless_rod_is_the_spherical_pendulum(name, body, order):
 @pytest.mark.filterwarnings("error")
 def test_steps_and_moments_are_chosen_for_a_point_too():
     body, how = nt.with_gravity(nt.nontwisting([1, 1, 0]), 1, (0, 0, -1)), {"t_end": 1, "rotation": TILTED}
-    fine = nt.simulate(body, step=1e-3, order=8, **how).directors.values[-1]
+    fine = nt.simulate(body, step=1e-2, order=8, **how).directors.values[-1]
     for chosen in ({}, {"tolerance": 1e-9}):
         assert abs(nt.simulate(body, **how, **chosen).directors.values[-1] - fine).max() < 1e-7
     turn, like = np.array([[0.8, 0, 0.6], [0, 1, 0], [-0.6, 0, 0.8]]), nt.nontwisting([1, 1, 1])
@@ -242,7 +210,7 @@ def test_closed_forms_of_held_bodies_need_no_moment_about_the_axis():
 
 
 def test_the_word_goes_with_the_body():
-    body, ordinary = nt.standard([1, 2, 6], physical=False), nt.standard([3, 4, 5])
+    body, ordinary = nt.standard([1, 2, 6], physical=False), STANDARD
     again = nt.DirectorSystem.from_json(body.to_json())
     assert not again.physical
     assert np.array_equal(again.euler_inertia, body.euler_inertia)
@@ -261,16 +229,8 @@ def test_the_word_goes_with_the_body():
 
 test_refused_by_name = refused_as(
     {
-        "digits": lambda: nt.simulate(
-            HEAVY, t_end=1, rotation=np.round(Rotation.from_rotvec((1, 2, 3)).as_matrix(), 4)
-        ),
-        "coefficients": lambda: nt.potential((0, 0, 1), (0, 0, 5)),
-        "indefinite": lambda: nt.standard([1, 2, -1], physical=False),
         "indefinite, held": lambda: nt.nontwisting([1, 2, -1], physical=False),
         "nothing across the axis": lambda: nt.nontwisting([0, 1, 1], physical=False),
-        "not symmetric": lambda: nt.standard([[3, 0.1, 0], [0.2, 4, 0], [0, 0, 5]], physical=False),
-        "free": lambda: nt.standard([1, 1, 0], physical=False),
         "another axis": lambda: nt.suslov([1, 1, 0], (1, 0, 1)),
-        "exact": lambda: nt.exact.free_standard([1, 1, 3], W0, [1.0]),
     }
 )

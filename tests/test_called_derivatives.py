@@ -26,7 +26,7 @@ from nontwist.loads import LOADS as KINDS
 from nontwist.loads import Term
 from nontwist.loads.functions import Moment
 from nontwist.spec import Spec
-from refusals import said, says
+from refusals import says
 from test_derivatives import AXIS, EYE, R0, START, W0, C, J, derivative, last, numbers_of
 
 FIELD, ANCHOR, POINT = np.array([0.3, 0.4, -0.8]), np.array([1, 0.5, 1]), np.array([0, 0.2, 1.0])
@@ -169,8 +169,9 @@ def test_rows_that_turn_with_an_orbit(order):
 
 
 BALANCED = [("standard", "lie-midpoint", 2), ("standard", LieMidpoint(dissipation=0.7), None), ("orbit", "gauss", 2)]
-BALANCED += [("heavy", "lie-midpoint", 2), ("standard", "gauss", 8), ("heavy", "gauss", 8), ("potential", "gauss", 4)]
-MORE_ORDERS = [(kind, "gauss", order) for kind in ("standard", "heavy") for order in (2, 4, 16)]
+BALANCED += [("heavy", "lie-midpoint", 2), ("standard", "gauss", 8), ("potential", "gauss", 4)]
+MORE_ORDERS = [(kind, "gauss", order) for kind in ("standard", "heavy") for order in (2, 4, 8, 16)]
+MORE_ORDERS.remove(("standard", "gauss", 8))
 
 
 @pytest.mark.parametrize(("kind", "scheme", "order"), or_long(BALANCED, [*MORE_ORDERS, ("orbit", "gauss", 4)]))
@@ -206,26 +207,8 @@ def test_differentiated_balances(kind, scheme, order):
         assert abs(spatial - spatial[0]).max() <= 1e-13 * sizes * np.sqrt(steps)
 
 
-def test_differences_are_announced_once():
-    """Functions of a script are named as it names them."""
-
-    def vane(*state):
-        return push(*state)
-
-    vane.__module__, vane.__qualname__, told = "__main__", "vane", []
-    rough = nt.moment(in_floats(push)) + nt.potential(ANCHOR, in_floats(hill), in_floats(hill_slope))
-    for load in (rough, nt.moment(in_floats(vane))):
-        with warnings.catch_warnings(record=True) as found:
-            warnings.simplefilter("always")
-            nt.sensitivities(nt.standard(J), load=load, t_end=0.5, step=0.1, rotation=R0)
-        assert found[-1].filename == __file__
-        assert len([one for one in found if "differences" in str(one.message)]) == 1
-        told += sorted({str(one.message) for one in found})
-    said("\n".join(told))
-
-
-def test_a_function_that_drops_derivatives_is_found_out():
-    """It reads the memory of its arguments, or gives another value: the value of the floats tells."""
+def test_a_function_that_drops_derivatives_is_found_out_and_differences_are_announced_once():
+    """It takes floats alone, reads the memory of its arguments, or gives another value: that of the floats tells."""
 
     def raw(t, d, w):
         return push(
@@ -235,17 +218,19 @@ def test_a_function_that_drops_derivatives_is_found_out():
     def other(t, d, w):
         return push(t, d, w) if isinstance(t, float) else np.zeros(3)
 
-    how = {"t_end": 0.5, "step": 0.1, "rotation": R0}
+    how = {"t_end": 0.5, "step": 0.1, "rotation": R0, "integrator": "lie-midpoint"}
     exact = nt.sensitivities(nt.standard(J), load=nt.moment(push, derivative=push_slope), **how).d_rotation.values
-    for function in (raw, other):
-        with pytest.warns(UserWarning, match=rf"^derivatives of \S+{function.__name__} are central differences"):
+    raw.__module__, raw.__qualname__ = "__main__", "vane"  # of a script: named as it names it
+    for function, name in ((in_floats(push), r"\S+\.push"), (raw, "vane"), (other, r"\S+\.other")):
+        with pytest.warns(UserWarning, match=f"^derivatives of {name} are central differences") as told:
             found = nt.sensitivities(nt.standard(J), load=nt.moment(function), **how).d_rotation.values
+        assert [one.filename for one in told if "central differences" in str(one.message)] == [__file__]
         assert abs(found - exact).max() < 1e-9
 
 
 def test_a_function_of_time_is_differentiated_by_it():
     """As `duration` needs it: by duals, or by differences, which are announced."""
-    how = {"t_end": 1, "step": 0.1, "wrt": "duration"}
+    how = {"t_end": 1, "step": 0.1, "wrt": "duration", "integrator": "lie-midpoint"}
     exact = nt.sensitivities(nt.standard(J), load=nt.sine((0, 3, 0), 2), **how).d_rotation.values
     found = nt.sensitivities(nt.standard(J), load=nt.body_moment(lambda t: (0, 3 * np.sin(4 * np.pi * t), 0)), **how)
     assert abs(found.d_rotation.values - exact).max() < 1e-14
@@ -281,12 +266,12 @@ class Sloped(Push):
 @pytest.mark.filterwarnings("ignore:.*runs in Python")
 @pytest.mark.parametrize("scheme", ["gauss", pytest.param("energy-momentum", marks=pytest.mark.long)])
 def test_a_term_of_ones_own_is_differentiated_as_a_function_is(scheme):
-    """By duals, compiled or not; by its own derivative; by differences, which are announced."""
+    """By its own derivative; by differences, which are announced; by duals: `test_loads`."""
     how = {"t_end": 1, "step": 0.1, "rotation": R0, "wrt": ["rotation", "load[0].scale"], "integrator": scheme}
     truth = last(nt.sensitivities(nt.standard(J), load=1.5 * nt.moment(push, derivative=push_slope), **how))
     by_scale = 3 * truth[:, 3:]  # by 0.5 of what is multiplied by 3
     expected, how["wrt"] = np.concatenate([truth[:, :3], by_scale, by_scale / 6], axis=1), [*how["wrt"], "strength"]
-    for make, bound, ways in ((Push, 1e-12, (False, True)), (Sloped, 2e-13, (False, True)), (Rough, 1e-9, (False,))):
+    for make, bound, ways in ((Sloped, 2e-13, (False, True)), (Rough, 1e-9, (False,))):
         for compiled in ways:
             with warnings.catch_warnings(record=True) as told:
                 warnings.simplefilter("always")
@@ -313,9 +298,9 @@ def test_derivatives_that_are_wrong():
 
 JACOBIANS = [("gauss", "suslov", "all", 4, False), ("lie-midpoint", "suslov", "all", 4, False)]
 JACOBIANS += [("gauss", "heavy", "none", "end", False), ("gauss", "nontwisting", "none", 4, True)]
-JACOBIANS += [("energy-momentum", "standard", "body", 4, True), ("lie-midpoint", "heavy", "none", 4, True)]
-JACOBIANS += [("gauss", "standard", "functions", 4, False), ("lie-midpoint", "standard", "functions", "end", True)]
+JACOBIANS += [("energy-momentum", "standard", "body", 4, True), ("lie-midpoint", "standard", "functions", "end", True)]
 MORE = [("energy-momentum", "suslov", "all", 4, False), ("energy-momentum", "standard", "functions", 4, True)]
+MORE += [("lie-midpoint", "heavy", "none", 4, True), ("gauss", "standard", "functions", 4, False)]
 
 
 @pytest.mark.filterwarnings(IGNORED)

@@ -6,15 +6,15 @@ import warnings
 import numpy as np
 import pytest
 
-from conftest import ended
-from nontwist import integrate, nontwisting, propagator, pulse, simulate, simulate_ensemble, standard
+from conftest import NONTWISTING, STANDARD, ended
+from nontwist import integrate, propagator, pulse, simulate, simulate_ensemble, standard
 from nontwist.errors import SimulationError
 from nontwist.integrators import Gauss, LieMidpoint, Split
 from nontwist.integrators.gauss import LARGEST_TURN
 from nontwist.integrators.gauss_coefficients import nodes
 from refusals import said, says
 
-BODY = standard([3, 4, 5])
+BODY = STANDARD
 COARSE = (
     r"^the step is coarse: the body may turn by ([\d.e+]+) degrees in it, and a steady rotation as fast would be "
     r"([\d.e+]+) degrees off at the end \((\S+), order (\d+)\); try step <= (\S+), .*or tolerance = 1e-6$"
@@ -90,7 +90,7 @@ def test_the_worst_member_is_told():
 def turning(theta, scheme, steps=4):
     """Return what is said of a body that turns steadily by theta a step."""
     start = {"material_angular_velocity": (0, theta, 0)}
-    return told(lambda: integrate(nontwisting([3, 4, 5]), t_end=steps, step=1, integrator=scheme, **start))[1]
+    return told(lambda: integrate(NONTWISTING, t_end=steps, step=1, integrator=scheme, **start))[1]
 
 
 def stage_matrix(order):
@@ -123,7 +123,7 @@ def test_a_body_with_an_axis_turns_by_exponentials_under_moments_of_its_frame():
     """Kicked about its own axis alone it turns steadily: what the warning speaks of is exact, and is not said."""
     how = {"t_end": 100, "step": 0.25, "material_angular_velocity": (2, 0, 0), "integrator": Split(order=2)}
     load = pulse((0, 0, 1), 1, 2)
-    run, text = told(lambda: integrate(nontwisting([3, 4, 5]), load=load, **how))
+    run, text = told(lambda: integrate(NONTWISTING, load=load, **how))
     assert text is None
     np.testing.assert_allclose(run.rotation[-1].as_rotvec() - [200 - 64 * np.pi, 0, 0], 0, atol=1e-12)
     assert "coarse" in told(lambda: integrate(BODY, load=load, **how))[1]

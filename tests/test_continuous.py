@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from conftest import BODIES, PAPER_J
+from conftest import BODIES, PAPER_J, STANDARD
 from nontwist import damping, integrate, moment, nontwisting, pulse, resample, simulate, sine, space_moment, standard
 from nontwist.errors import SimulationError, Status
 from nontwist.integrators import Continuous, continuous
@@ -29,10 +29,8 @@ test_refused_with_the_value = refused_as(
         "form": lambda: Continuous(form="weak"),
         "rtol": lambda: Continuous(rtol=-1),
         "step": lambda: simulate(standard([1, 1, 1]), times=[0, 1], step=0.1, integrator="continuous"),
-        "unsorted": lambda: simulate(standard([1, 1, 1]), times=[0, 2, 1], integrator="continuous"),
         "outside": lambda: simulate(standard([1, 1, 1]), times=[-1, 2], integrator="continuous"),
         "no end": lambda: simulate(standard([1, 1, 1]), integrator="continuous"),
-        "no end on a grid": lambda: simulate(standard([1, 1, 1])),
     }
 )
 
@@ -44,14 +42,16 @@ def test_a_load_that_fails_ends_the_run_with_the_states_before():
     assert (info.value.status, info.value.partial.time.tolist()) == (Status.LOAD, [0, 0.25, 0.5])
 
 
-def test_a_run_of_too_many_steps_is_aborted():
+def test_a_run_of_too_many_steps_is_aborted(monkeypatch):
+    monkeypatch.setattr(continuous, "CHECK_EVERY", 100)
+    monkeypatch.setattr(continuous, "PATIENCE", 100)
     how = {"t_end": 1, "step": 0.1, "material_angular_velocity": (0, 1e12, 1e12), "integrator": "continuous"}
     said, words = (
         r"^the run will take about 33 min 20 s",
-        r"DOP853 would need more than 1e\+06 steps, after 1000 it has",
+        r"DOP853 would need more than 1e\+06 steps, after 100 it has",
     )
     with pytest.warns(UserWarning, match=said), pytest.raises(SimulationError, match=words):
-        integrate(standard([3, 4, 5]), **how)
+        integrate(STANDARD, **how)
 
 
 def test_a_run_that_is_stuck_where_a_load_jumps_names_the_jump(monkeypatch):
@@ -60,19 +60,20 @@ def test_a_run_that_is_stuck_where_a_load_jumps_names_the_jump(monkeypatch):
     how["load"] = moment(lambda t, d, w: -np.sign(w))
     words = r"stuck at t = 0\.776.* from (1 to -1|-1 to 1) N m.* dry_friction"
     with pytest.raises(SimulationError, match=words) as info:
-        simulate(standard([3, 4, 5]), times=[0, 20], **how)
+        simulate(STANDARD, times=[0, 20], **how)
     assert info.value.status == Status.JUMP
-    assert simulate(standard([3, 4, 5]), times=[0, 0.77], **how).time.size == 2
+    assert simulate(STANDARD, times=[0, 0.77], **how).time.size == 2
 
 
-@pytest.mark.parametrize("name", ["standard", "nontwisting"])
-def test_the_two_forms_agree_in_runs(name):
+def test_the_two_forms_agree_in_runs():
     """For other bodies it is a check of validation."""
     how = {"t_end": 1, "step": 0.25, "angular_velocity": [1, -2, 0.5], "project": True, "load": LOAD}
-    a, b = (simulate(BODIES[name](), integrator=Continuous(form=form, **FINE), **how) for form in ("split", "director"))
+    a, b = (
+        simulate(BODIES["nontwisting"](), integrator=Continuous(form=form, **FINE), **how)
+        for form in ("split", "director")
+    )
     for key in ("directors", "director_velocities", "load_work", "moment", "reaction_moment"):
-        assert (key in a) == (key in b) == (key != "reaction_moment" or name == "nontwisting")
-        assert key not in a or a[key].values == pytest.approx(b[key].values, abs=1e-11)
+        assert a[key].values == pytest.approx(b[key].values, abs=1e-11)
     energy = (a.kinetic_energy + a.potential_energy).values
     assert np.diff(energy) == pytest.approx(a.load_work.values, abs=1e-11)
     assert "newton_iterations" not in a
@@ -125,7 +126,7 @@ def test_tolerances_are_in_units_of_the_problem(form, size):
     scheme = Continuous(form=form, rtol=1e-8, atol=1e-10)
     how = {"t_end": 3, "step": 1, "material_angular_velocity": (0.01, 2, 0.01), "integrator": scheme}
     run = simulate(standard(size * np.array([3.0, 4, 5])), load=damping(0.1 * size), **how)
-    one = simulate(standard([3, 4, 5]), load=damping(0.1), **how)
+    one = simulate(STANDARD, load=damping(0.1), **how)
     assert run.directors.values == pytest.approx(one.directors.values, abs=1e-9)
     assert run.kinetic_energy.values / size == pytest.approx(one.kinetic_energy.values, rel=1e-9)
 

@@ -62,6 +62,7 @@ MORE = {
 }
 WHEELS = ["wheels", "rubbing wheel", "dry wheel"]
 STEPPED = ("gauss", "lie-midpoint", "energy-momentum")
+NOT_STEPPED = {("gauss 4", load) for load in [*LOADS][1::2]}  # by a stepper, which compiles its own steps
 REMEMBERING = {"rubbing wheel", "dry wheel", "memory"}
 
 
@@ -156,7 +157,7 @@ def test_cell(scheme, body, load):
     gap = abs(rest.directors - run.directors[COUNT // 2 :]).max()
     is_near = load in ("wheels", "dry friction") or (load == "dry wheel" and kind.name != "gauss")
     assert gap <= RESUMED.get(kind.name, 1e-14 if is_near else 0)  # marches in pieces begin without first guesses
-    if kind.name in STEPPED:
+    if kind.name in STEPPED and (scheme, load) not in NOT_STEPPED:
         require_steps(system, how)
 
 
@@ -200,13 +201,16 @@ def require_same_run(found, run):
 def require_members(run, body, load, how):
     """Require of members the bits of runs, whoever is in their lanes and whatever the scales of their loads.
 
-    Member 1 is the run, member 8 that of the load times 0.7; so is a call of a propagator with this scale.
+    Member 1 is the run, member 8 that of the load times 0.7; so is a call of a propagator with this scale. Solvers of
+    SciPy, which have no lanes, get these two alone.
     """
-    factors = np.array([1.2, 1, 0.9, 1, 1.1, 1, 1, 1.3, 1])
+    some = np.array([1, 8]) if how["integrator"].name == "continuous" else np.arange(9)
+    factors = np.array([1.2, 1, 0.9, 1, 1.1, 1, 1, 1.3, 1])[some]
     start = START | {"material_angular_velocity": W * np.where(factors == 1, 1, 0.5)[:, None]}
     how, scales = how | {"store": 3}, np.array([0.6, 1, 0.5 if load == "dry friction" else -0.5, 1, 1, 0, 2, 1, 0.7])
     stack = nt.DirectorSystem.stack([made(body, c) for c in factors])
-    many = nt.simulate_ensemble(stack, **start, **how, load_scale=scales, variables="all", threads=2)
+    many = nt.simulate_ensemble(stack, **start, **how, load_scale=scales[some], variables="all", threads=2)
+    many = many.assign_coords(member=some)
     scaled = nt.integrate(run.system, **START, **how | {"load": 0.7 * how["load"]})
     bound = 1e-12 if load in FACTORED else 0
     if len(how["load"].terms) == 1 and not bound:
@@ -218,7 +222,7 @@ def require_members(run, body, load, how):
         for name in shared:
             sums = load == "wheels" and name in ("wheel_work", "internal_state")  # over intervals of the output
             near = max(rounding, 1e-14) if sums else rounding
-            np.testing.assert_allclose(many[name].values[member], one[name].values, rtol=near, atol=near)
+            np.testing.assert_allclose(many[name].sel(member=member).values, one[name].values, rtol=near, atol=near)
             assert many[name].attrs == one[name].attrs
         assert many.attrs["integrator"] == one.attrs["integrator"]
 

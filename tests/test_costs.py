@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import nontwist as nt
-from conftest import ended
+from conftest import NONTWISTING, STANDARD, ended
 from nontwist.driver import grid, notices
 from nontwist.errors import RunFileError, SimulationError
 from nontwist.exact import nontwisting_body
@@ -27,7 +27,7 @@ MANY = (
     "the closed-form solution needs about 5e+08 pieces of the load, at most 1e+06 are allowed; a frequency of 2e+05 Hz "
     "would do, or the integrator split"
 )
-FREE, PUSH = nt.nontwisting([3, 4, 5]), {"angular_velocity": [1, 0, 0], "integrator": "exact"}
+FREE, PUSH = NONTWISTING, {"angular_velocity": [1, 0, 0], "integrator": "exact"}
 
 
 AUTOMATIC = (
@@ -91,20 +91,14 @@ def test_what_is_not_smooth_is_refused_when_a_million_pieces_are_made(monkeypatc
         assert (nontwisting_body.too_many(nt.sine([1, 0, 0], 80), np.linspace(2, 3, count)) is None) == (count == 301)
 
 
-def test_the_pieces_are_no_more_than_forecast():
-    load, limits = nt.sine([1, 0, 0], 123.4) + nt.sine([0, 1, 0], 123.4 / 7), np.array([0, 1.7])
-    pieces, expected = nontwisting_body.pieces_of(load, limits), nontwisting_body.expected_pieces(load, 0, 1.7)
-    assert expected / 5 - 2 < len(pieces.a) < expected + 8
-
-
 def test_where_the_glance_sees_no_load_the_march_still_does():
     t = np.append(np.linspace(0, 1, 50_001), [2])
     values = np.zeros((50_002, 3))
     values[25_017] = 3e5, 0, 0
     load = nt.body_moment(t, values)
-    assert INTEGRATORS["exact"]().refusal(problem(nt.standard([3, 4, 5]), load)) is None
+    assert INTEGRATORS["exact"]().refusal(problem(STANDARD, load)) is None
     with pytest.raises(ValueError, match="a standard body under load"):
-        INTEGRATORS["exact"]().march(problem(nt.standard([3, 4, 5]), load))
+        INTEGRATORS["exact"]().march(problem(STANDARD, load))
 
 
 # the forecast
@@ -119,7 +113,7 @@ def test_the_cost_counts_substeps_nodes_and_pieces():
     assert split.cost(pushed, 2).parts == 1000
     assert split.cost(problem(FREE, nt.pulse([1, 0, 0], 0, 0.1), 1000), 2).parts == 100
     assert closed.cost(pushed, 11).parts == 11 + 25
-    assert closed.cost(problem(nt.standard([3, 4, 5]), free.load), 11).parts == 0
+    assert closed.cost(problem(STANDARD, free.load), 11).parts == 0
     rubbed = [nt.Problem(FREE, t_end=9, step=0.05, load=sum(many)).forecast().seconds for many in RUBBED]
     assert rubbed[1] > 10 * rubbed[0]
     assert rubbed[2] > 2 * rubbed[1]
@@ -229,11 +223,11 @@ def test_a_fifo_is_refused_in_words(here, write):
 
 
 STEPPED = {
-    "free": (nt.standard([3, 4, 5]), {"material_angular_velocity": (0.1, 2, 0.1)}, 10),
+    "free": (STANDARD, {"material_angular_velocity": (0.1, 2, 0.1)}, 10),
     "a needle": (nt.standard([2e-7, 5.6e-4, 5.6e-4]), {"angular_velocity": (1e-3, -40, 0)}, 0.05),
     "gravity": (nt.heavy_top([3, 4, 5], 1, [0, 0, 0.5]), {"material_angular_velocity": (0, 0.1, 10)}, 2),
-    "a sine": (nt.standard([3, 4, 5]), {"load": nt.sine([1, 0, 2], 3)}, 2),
-    "damping": (nt.standard([3, 4, 5]), {"load": nt.damping(100), "angular_velocity": (0, 10, 1)}, 3),
+    "a sine": (STANDARD, {"load": nt.sine([1, 0, 2], 3)}, 2),
+    "damping": (STANDARD, {"load": nt.damping(100), "angular_velocity": (0, 10, 1)}, 3),
     "a table": (FREE, {"load": nt.body_moment(np.linspace(0, 5, 30), np.outer(np.arange(30), (1, 0, 0)))}, 5),
 }
 
@@ -263,5 +257,5 @@ def test_continuous_says_what_it_may_take_and_takes_no_more(every, after, slow, 
         pytest.warns(UserWarning, match=r"^the run will take about 1\.2 s and 1\.6 kB of memory, for 2 states$"),
         pytest.raises(SimulationError, match=rf"would need more than 600 steps, after {after} it has come ") as info,
     ):
-        nt.simulate(nt.standard([3, 4, 5]), **how)
+        nt.simulate(STANDARD, **how)
     assert after / float(re.search(r"come (.+) s far", str(info.value))[1]) > 600 / 100

@@ -5,7 +5,7 @@ import pytest
 import xarray
 
 from conftest import BODIES
-from nontwist import DirectorSystem, integrate, open_run, rotation, rotor, save_run, simulate, sine, standard
+from nontwist import DirectorSystem, integrate, open_run, rotation, rotor, save_run, simulate, sine
 from nontwist.analysis.variables import DERIVATIVES, EVENTS, LOADED, MEMBERS, ROTORS, VARIABLES, WHEELS
 from nontwist.comparison import observed_order, second_quotient
 from refusals import says
@@ -143,10 +143,3 @@ def test_observed_order_is_the_logarithm_of_the_quotient():
     for wrong, variable in (((runs[0], runs[2], runs[1]), "directors"), (runs, "speed"), (short, "directors")):
         with says():
             second_quotient(*wrong, variable=variable)
-
-
-@pytest.mark.parametrize("axis", range(3))
-def test_neighbouring_quaternions_are_near(axis):
-    W = 2.0 * np.eye(3)[axis]
-    q = simulate(standard([3, 4, 5]), t_end=20, step=0.1, angular_velocity=W).quaternion.values
-    assert (q[1:] * q[:-1]).sum(axis=1).min() > 0.98

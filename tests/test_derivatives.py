@@ -1,7 +1,6 @@
 """Derivatives of runs are those of the discrete run, and obey the differentiated balances."""
 
 import json
-import pickle
 import re
 import tracemalloc
 from concurrent.futures import ThreadPoolExecutor
@@ -30,7 +29,7 @@ WEIGHT = np.outer([0.3, 0.2, 1.4], DOWN)
 C = np.array([[0.3, 0.05, 0], [0.02, 0.2, -0.03], [0, 0.01, 0.4]])
 TIMES, VALUES = np.array([-0.01, 0.23, 0.47, 0.83, 1.22]), np.random.default_rng(1).normal(size=(5, 3))
 WHEEL, SPEEDS, MOMENTA = np.array([2, -2, 1]) / 3, np.array([-0.3, 0.53, 1.7]), np.array([0.5, 1.5, -0.4])
-PEAK, FREQUENCY, PHASE = np.array([0.6, -0.3, 0.8]), 0.7, 0.2
+PEAK = np.array([0.6, -0.3, 0.8])
 EYE = np.eye(3)
 START = {"material_angular_velocity": W0, "rotation": R0}
 NUMBERS = {  # what runs are differentiated by; and what is beside J along its principal axes, and beside R0
@@ -178,7 +177,7 @@ MORE = {  # what a body under a load is differentiated by
     ("nontwisting", "body"): [*FORCED, "axis"],  # by a step that is explicit in the run
 }
 SCHEMES = [("lie-midpoint", 2), ("energy-momentum", 2), *(("gauss", order) for order in (8, 2, 4, 16))]
-QUICK = [("heavy", "none", "gauss", 4), ("standard", "body", "gauss", 4), ("nontwisting", "none", "gauss", 4)]
+QUICK = [("heavy", "none", "gauss", 4), ("nontwisting", "none", "gauss", 4)]
 QUICK += [("standard", "none", "energy-momentum", 2), ("nontwisting", "body", "lie-midpoint", 2)]
 QUICK += [*(("suslov", "all", *scheme) for scheme in SCHEMES[:3])]
 QUICK += [("spinning", "none", "gauss", 8), ("spinning", "none", "lie-midpoint", 2), ("spinning", "orbit", "gauss", 4)]
@@ -212,7 +211,7 @@ def test_forces_on_a_free_body_act_as_on_its_rows(inertia, order):
 
 
 @pytest.mark.filterwarnings("ignore:.*step")
-@pytest.mark.parametrize(("scheme", "order"), or_long([*SCHEMES[:2], ("gauss", 2), ("gauss", 16)], [("gauss", 4)]))
+@pytest.mark.parametrize(("scheme", "order"), or_long([*SCHEMES[:2], ("gauss", 2)], [("gauss", 4), ("gauss", 16)]))
 def test_a_body_that_hardly_turns(scheme, order):
     """Its attitude turns by t dW, though its momentum turns by any angle, and in a longer run by W."""
     how = {"wrt": ["material_angular_velocity", "inertia", "duration"], "integrator": scheme, "order": order}
@@ -228,13 +227,13 @@ def test_a_body_that_hardly_turns(scheme, order):
         assert abs(turn[:, 9] - W).max() <= 1e-12 * abs(W).max()
 
 
-@pytest.mark.parametrize(("order", "steps", "bound"), [(4, 50, 3e-10), (16, 50, 3e-13)])
-def test_a_top_that_hangs_at_rest(order, steps, bound):
+@pytest.mark.parametrize(("order", "bound"), or_long([(4, 3e-10)], [(16, 3e-13)]))
+def test_a_top_that_hangs_at_rest(order, bound):
     """Linearised about equilibrium the motion is a pendulum, J dW' = -K δ, δ' = dW, K = m g l (I - u uᵀ)."""
     u, o = np.array([0.3, -0.2, 0.6]) / 0.7, np.zeros((3, 3))
     top, down = nt.heavy_top(J, 1.0, 0.7 * u, gravity=(0, 0, -2)), Rotation.align_vectors([[0, 0, -1]], [u])[0]
     how = {"t_end": 1, "rotation": down, "integrator": "gauss", "order": order}
-    d = nt.sensitivities(top, wrt=["rotation", "material_angular_velocity"], step=1 / steps, **how)
+    d = nt.sensitivities(top, wrt=["rotation", "material_angular_velocity"], step=0.02, **how)
     exact = expm(np.block([[o, EYE], [-np.linalg.solve(J, 1.4 * (EYE - np.outer(u, u))), o]]))
     assert abs(last(d) - exact).max() <= bound
     grown = nt.lyapunov(top, **how | {"t_end": 100, "step": 0.05})  # its steps were not solved again
@@ -314,7 +313,6 @@ test_what_is_refused = refused_as(
     [partial(nt.sensitivities, nt.standard(J), **HOW | wrong) for wrong in WRONG]
     + [partial(nt.gradient, nt.standard(J), **HOW | wrong) for wrong in [NO_WEIGHT, {"d_rotation": np.zeros((2, 3))}]]
     + [partial(jacobian, wrt="velocity", **HOW), partial(jacobian, times=[0.5, 1], step=0.1)]
-    + [partial(nt.sensitivities, nt.standard(J), load=nt.wheel("x", 0.01), **HOW | NO_WEIGHT)]
 )
 
 
@@ -345,5 +343,3 @@ def test_jacobian_from_threads_and_without_preparation():
     d = nt.sensitivities(nt.standard(J), t_start=0, t_end=1, step=0.05, start=begin, store="end")
     for found, array in zip(run.jacobian(start=begin), (d.d_rotation, d.d_material_angular_velocity), strict=True):
         assert np.array_equal(found, array)
-    again = pickle.loads(pickle.dumps(run)).jacobian(material_angular_velocity=starts[0])[0]
-    assert np.array_equal(again, expected[0])

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import nontwist as nt
+from conftest import NONTWISTING, STANDARD
 from nontwist.analysis.invariants import drifts
 from nontwist.integrators import EnergyMomentum, LieMidpoint
 from nontwist.sweeps import sweep
@@ -56,7 +57,7 @@ def test_lie_midpoint_loses_what_its_derivation_says(load, order):
     """Δ(K + V) less the work is -g (Q × W_m)·ΔP, with the impulse of the load as it is."""
     h, chi = 0.05, 0.6
     how = {"t_end": 2, "step": h, "material_angular_velocity": MIDDLE, "load": load}
-    run = nt.simulate(nt.standard([3, 4, 5]), integrator=LieMidpoint(order, dissipation=chi), **how)
+    run = nt.simulate(STANDARD, integrator=LieMidpoint(order, dissipation=chi), **how)
     W = run.material_angular_velocity.values
     middle, dP = (W[1:] + W[:-1]) / 2, np.diff(W, axis=0) * [3, 4, 5]
     g = chi * h / 12 * (1 if order == 1 else h * np.linalg.norm(middle, axis=1))
@@ -77,7 +78,7 @@ def test_without_dissipation_the_bits_are_those_of_the_scheme_and_with_it_energy
     assert max(one.relative for one in drifts(run).values()) < 1e-14
     for order, W in product((1, 2), 2.0 * np.eye(3)):
         how |= {"integrator": scheme(order, dissipation=1), "material_angular_velocity": W}
-        assert (nt.simulate(nt.standard([3, 4, 5]), **how).material_angular_velocity.values == W).all()
+        assert (nt.simulate(STANDARD, **how).material_angular_velocity.values == W).all()
 
 
 test_what_is_refused = refused_as(
@@ -87,9 +88,7 @@ test_what_is_refused = refused_as(
         lambda: LieMidpoint(order=1),
         lambda: LieMidpoint(order=3, dissipation=0.1),
         *(
-            lambda scheme=scheme: nt.simulate(
-                nt.nontwisting([3, 4, 5]), t_end=1, step=0.1, integrator=scheme(dissipation=0.1)
-            )
+            lambda scheme=scheme: nt.simulate(NONTWISTING, t_end=1, step=0.1, integrator=scheme(dissipation=0.1))
             for scheme in SCHEMES
         ),
     ]
@@ -109,5 +108,5 @@ sweep.variables = ["kinetic_energy"]
 def test_in_run_files_and_sweeps(write, tmp_path):
     found = sweep(write(FILE), tmp_path / "found.zarr").kinetic_energy.values
     how = {"t_end": 4, "step": 0.1, "material_angular_velocity": MIDDLE, "integrator": LieMidpoint(1, dissipation=0.5)}
-    assert found[1] == nt.simulate(nt.standard([3, 4, 5]), **how).kinetic_energy.values[-1]
+    assert found[1] == nt.simulate(STANDARD, **how).kinetic_energy.values[-1]
     assert (np.diff(found) < 0).all()

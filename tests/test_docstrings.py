@@ -37,13 +37,21 @@ def public():
 
 
 PUBLIC = public()
+LATE = {"reproduce", "results.Fit", "results.LeastEffort"}  # whose examples, and those of figures, take long
 
 
 def headings(thing):
     return re.findall(r"^(\S.*)\n-+$", inspect.getdoc(thing), re.MULTILINE)
 
 
-@pytest.mark.parametrize("name", [name for name, thing in PUBLIC.items() if thing not in NO_EXAMPLE])
+def is_late(name):
+    return [pytest.mark.long] * (name in LATE or name.startswith("plot."))
+
+
+SHOWN = [pytest.param(name, marks=is_late(name)) for name, thing in PUBLIC.items() if thing not in NO_EXAMPLE]
+
+
+@pytest.mark.parametrize("name", SHOWN)
 def test_the_example_does_what_it_says(name, tmp_path, monkeypatch):
     thing = PUBLIC[name]
     assert "Examples" in headings(thing), f"{name} has no example"

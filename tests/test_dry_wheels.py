@@ -57,7 +57,7 @@ def test_a_torque_moves_it_where_it_exceeds_the_limit(scheme):
 @pytest.mark.parametrize("rubs", [False, True])
 def test_skew_wheels_stand_and_slip_as_scipy_finds(rubs):
     """Also beside dry friction about two axes of the body."""
-    times, load, more = np.linspace(0, 9, 16), PAIR, ()
+    times, load, more = np.linspace(0, 9 if rubs else 6, 16), PAIR, ()
     if rubs:
         about = np.array([[1, 2, 2], [0, 3, 0]]) / 3
         load, more = PAIR + nt.body_moment(drive), (about, [0.8, 0.3], drive)
@@ -106,23 +106,6 @@ def test_a_body_rests_until_what_it_carries_moves_it(beside, axis, scheme):
     assert (spin[(t > stop) & (t < 6.1)] == 0).all()
     expected = np.where(t < stop, 0.2 - 0.3 / inertia * t, np.where(t > 6.1, -moved, 0))
     assert spin == pytest.approx(expected, abs=2e-8 if axis is None else 1e-12)
-
-
-def test_a_stepper_takes_the_steps_of_the_run():
-    body, friction = BODIES["suslov"], nt.dry_friction(0.3, (0.6, 0, 0.8))
-    how, start = {"step": 0.05, "integrator": "gauss", "order": 4}, {"material_angular_velocity": W0, "project": True}
-    loop = nt.stepper(body, load=ONE + friction, **how)
-    loop.reset(**start)
-    states = [loop.step(body_moment=(0.1, 0, 0.2), wheel_torque=[0.1]) for _ in range(24)]
-    whole = nt.wheel(AXES[0], 0.2, 2.0, 0.1, viscous=0.03, coulomb=0.05) + nt.body_moment(lambda t: (0.1, 0, 0.2))
-    run = nt.simulate(body, t_end=1.2, load=whole + friction, **start, **how)
-    assert states[-1].quaternion == pytest.approx(run.quaternion.values[-1], abs=1e-13)
-    for name in ("material_angular_velocity", "wheel_speed", "wheel_momentum", "wheel_work", "wheel_loss"):
-        assert getattr(states[-1], name) == pytest.approx(run[name].values[-1], abs=1e-13)
-    assert [one.load_work for one in states] == pytest.approx(run.load_work.values, abs=1e-14)
-    assert [one.reaction_moment for one in states] == pytest.approx(run.reaction_moment.values, abs=1e-12)
-    loop.state = states[10]
-    assert loop.step(body_moment=(0.1, 0, 0.2), wheel_torque=[0.1]) == states[11]
 
 
 def test_statistics_are_those_of_the_run():
@@ -211,9 +194,7 @@ def test_beside_another_load_with_memory_what_holds_a_wheel_is_found():
 
 test_what_is_refused = refused_as(
     [
-        lambda: nt.wheel("x", 1, coulomb=-1),
         lambda: nt.simulate(nt.standard(J), t_end=1, load=nt.wheel("z", 0.2, coulomb=1) + nt.dry_friction(1)),
-        lambda: nt.sensitivities(nt.standard(J), t_end=1, load=nt.wheel("z", 0.2, coulomb=1)),
         lambda: nt.simulate(nt.standard(J), t_end=1, load=nt.wheel("z", 1, coulomb=1), integrator="energy-momentum"),
     ]
 )

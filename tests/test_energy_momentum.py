@@ -2,34 +2,12 @@
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 
 import nontwist as nt
-from conftest import PAPER_J
-from nontwist.models.equations import constraint_matrices
-from nontwist.validation import compiled_steps as reference
 from nontwist.validation.loaded_bodies import COUNTS, MOTIONS, T_END, exact_multiplier
 from nontwist.validation.problems import FINE, KICK, SAMPLES
 
 EM = {"integrator": "energy-momentum", "order": 2}
-
-
-@pytest.mark.parametrize("a", [0.0, 0.25, 1.0])
-def test_the_parameter_a_moves_one_multiplier_only(a):
-    """λ_12(a) = λ_12(1/2) - (1/2 - a) μ; q, v, μ and the other λ stay."""
-    E, h = nt.nontwisting(PAPER_J).euler_inertia, 0.01
-    q = Rotation.from_rotvec([0.3, 0.2, 0.1]).as_matrix().T
-    v = np.cross(np.array([2.0, -3, 0]) @ q, q)
-    load = reference.MidpointLoad(np.array([1.0, 2, 0]), np.array([0.5, 0, 1]))
-    e3 = np.array([0.0, 0, 1])
-    half, other = (
-        reference.director_step(q, v, h, E, constraint_matrices(e3, b), np.zeros((3, 3)), load) for b in (0.5, a)
-    )
-    assert other.directors == pytest.approx(half.directors, abs=1e-14)
-    assert other.velocities == pytest.approx(half.velocities, abs=1e-12)
-    expected = half.multipliers - np.array([0, 0, 0, 0, 0, (0.5 - a) * half.multipliers[6], 0])
-    assert other.multipliers == pytest.approx(expected, abs=1e-11)
-    assert abs(half.multipliers[6]) > 1
 
 
 def test_the_constraint_holds_in_the_mean_and_not_at_the_nodes(paper_body):

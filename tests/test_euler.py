@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from conftest import ended, nontwist
-from nontwist import save_run, simulate, standard
+from conftest import STANDARD, ended, nontwist
+from nontwist import save_run, simulate
 from nontwist.geometry.attitudes import euler_angles
 from nontwist.io.results import with_euler
 from nontwist.runfile import read_run_file
@@ -20,7 +20,7 @@ TILTED = {"rotation": Rotation.from_euler("ZXZ", [0.3, 0.9, -0.4]), "material_an
 
 @pytest.fixture(scope="module")
 def run():
-    return simulate(standard([3, 4, 5]), t_end=1, step=1e-3, **TILTED)
+    return simulate(STANDARD, t_end=1, step=1e-3, **TILTED)
 
 
 @pytest.mark.parametrize("letters", [*LETTERS, *(x.upper() for x in LETTERS)])
@@ -36,7 +36,7 @@ def test_angles_are_those_of_scipy_and_rates_their_derivatives(run, letters):
 @pytest.mark.parametrize(("letters", "middle"), [("ZXZ", 0.0), ("zyz", np.pi), ("ZYX", np.pi / 2), ("xyz", -np.pi / 2)])
 def test_in_gimbal_lock_the_outer_rates_are_infinite_and_said_to_be(letters, middle):
     start = {"rotation": Rotation.from_euler(letters, [0.2, middle, 0.4]), "material_angular_velocity": (1, 2, 3)}
-    run = simulate(standard([3, 4, 5]), t_start=0.25, t_end=1, step=0.25, **start)
+    run = simulate(STANDARD, t_start=0.25, t_end=1, step=0.25, **start)
     with warned("gimbal-lock") as said:
         found = with_euler(run.isel(time=[2, 0, 1]), letters)
     assert said[0].fields == {"letters": letters, "count": 1, "along": "time", "first": "0.25"}
@@ -57,7 +57,7 @@ def test_the_export_has_them(run, here):
         with refused("euler", letters=wrong):
             euler_angles(np.array([[0, 0, 0, 1.0]]), np.zeros((1, 3)), wrong)
     assert "--euler requires 3 axes" in ended(3, "export", "run.nc", "--euler", "ZxZ").stderr
-    locked = simulate(standard([3, 4, 5]), t_end=1, step=0.5, material_angular_velocity=(1, 2, 3))
+    locked = simulate(STANDARD, t_end=1, step=0.5, material_angular_velocity=(1, 2, 3))
     save_run(locked, "locked.nc")
     shown = nontwist("export", "locked.nc", "--euler", "ZXZ", "--out", "locked.csv")
     assert "third angle are infinite there; another --euler avoids it" in " ".join(shown.stderr.split())

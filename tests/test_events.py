@@ -10,7 +10,7 @@ from scipy.integrate import solve_ivp
 from scipy.special import ellipk
 
 import nontwist as nt
-from conftest import ended
+from conftest import NONTWISTING, STANDARD, ended
 from nontwist.errors import RunFileError, SimulationError, SimulationInterrupt
 from nontwist.integrators import Gauss
 from nontwist.runfile import read_run_file
@@ -18,7 +18,7 @@ from refusals import refused_as, says
 from test_times import R0, TOP, top_rates
 from test_times import W0 as W_TOP
 
-BODY, W0 = nt.standard([3, 4, 5]), (0, 2.0, 0)
+BODY, W0 = STANDARD, (0, 2.0, 0)
 TURNING = {"material_angular_velocity": W0}
 EPS = np.finfo(float).eps
 
@@ -44,7 +44,7 @@ def lifted(t, state):
 def test_a_steady_turn_has_events_where_it_should(integrator):
     """The axis d3 is for 0.2 s within 0.2 rad of -e3: both ends of that lie within one step of 1.2 s."""
     how = {"t_end": 14.4, "step": 1.2 if integrator == "gauss" else None, "integrator": integrator, **TURNING}
-    first, second = nt.integrate(nt.nontwisting([3, 4, 5]), events=[level, lifted], **how).t_events
+    first, second = nt.integrate(NONTWISTING, events=[level, lifted], **how).t_events
     k, close = np.arange(10), 1e-12 * 1.2 + 4 * EPS * 14.4 + 4e-15
     assert first == pytest.approx((k[:9] + 0.5) * np.pi / 2, abs=close)
     ends = np.add.outer(k[1::2] * np.pi, np.array([-1, 1]) * np.arccos(0.98)).ravel() / 2
@@ -93,7 +93,7 @@ def test_functions_that_cross_zero_between_the_same_times_have_roots_of_their_ow
         return max(level(t, state), 3 * level(t, state))
 
     how = {"step": 0.5, "integrator": "gauss", "events": [level, shifted, kinked], **TURNING}
-    first, second, third = nt.integrate(nt.nontwisting([3, 4, 5]), t_end=8, **how).t_events
+    first, second, third = nt.integrate(NONTWISTING, t_end=8, **how).t_events
     assert np.cos(2 * first) == pytest.approx(0, abs=1e-13)
     assert np.cos(2 * second) == pytest.approx(1e-3, abs=1e-13)
     assert third == pytest.approx(first, abs=1e-11)
@@ -116,7 +116,7 @@ def test_direction_and_names():
     falling, rising = (with_attributes(level, direction=sign) for sign in (-1, 1))
     falling.__name__ = "falling"
     events = [falling, rising, lambda t, state: level(t, state)]
-    run = nt.simulate(nt.nontwisting([3, 4, 5]), t_end=5, step=0.1, integrator="split", events=events, **TURNING)
+    run = nt.simulate(NONTWISTING, t_end=5, step=0.1, integrator="split", events=events, **TURNING)
     names = ["falling", "event", "event_2"]
     assert run.attrs["events"] == '["falling", "event", "event_2"]'
     times = [run.t_events[run.event_name == name].values for name in names]
@@ -128,7 +128,7 @@ def test_direction_and_names():
 @pytest.mark.parametrize(("name", "terminal", "k"), [("gauss", 3, 2), ("exact", True, 0)])
 def test_a_terminal_event_ends_the_run(name, terminal, k):
     event, how = with_attributes(level, terminal=terminal), {"step": 0.5} if name == "gauss" else {}
-    run = nt.simulate(nt.nontwisting([3, 4, 5]), t_end=50, integrator=name, events=event, **how, **TURNING)
+    run = nt.simulate(NONTWISTING, t_end=50, integrator=name, events=event, **how, **TURNING)
     assert run.time.values[-1] == run.t_events.values[-1] == pytest.approx((k + 0.5) * np.pi / 2, abs=1e-11)
     assert run.attrs["status"] == 0
     assert run.attrs["message"] == f"the event event ended the run at t = {run.time.values[-1]:.12g} s"
@@ -234,7 +234,7 @@ test_wrong_events_are_named = refused_as(
 
 
 def test_named_events():
-    body, how = nt.nontwisting([3, 4, 5]), {"t_end": 4, "step": 0.1, "integrator": "split"}
+    body, how = NONTWISTING, {"t_end": 4, "step": 0.1, "integrator": "split"}
     tilted = nt.axis_crosses((0, 0, 2), (0, 0, 3), cosine=0.5, direction=-1, name="tilted")
     run = nt.simulate(body, events=[tilted, nt.axis_crosses()], **how, **TURNING)
     assert run.t_events[run.event_name == "tilted"].values == pytest.approx([np.pi / 6, np.pi / 6 + np.pi], abs=1e-11)

@@ -10,7 +10,8 @@ from scipy.spatial.transform import Rotation
 
 import exact_reference as reference
 import nontwist as nt
-from conftest import BODIES, PAPER_J, thinned
+from conftest import BODIES, NONTWISTING, PAPER_J, STANDARD, thinned
+from covering.problems import FULL as TILTED
 from exact_reference import FULL, distance
 from nontwist.errors import SimulationError
 from nontwist.integrators import Continuous
@@ -174,7 +175,6 @@ def test_turns_of_which_no_digit_is_left_are_refused(body, integrator):
         solved([3, 4, 5], (0, 2e15, 0), [1.0])
 
 
-TILTED = np.array([[3, 0.2, 0.4], [0.2, 4, -0.3], [0.4, -0.3, 5]])
 AXIS = np.array([0.3, 0.2, 1])
 W_SUSLOV = np.array([1.0, -2.0, 0.1])  # 0.3 - 0.4 + 0.1 = 0
 FINE = Continuous(rtol=1e-13, atol=1e-14)
@@ -269,7 +269,7 @@ def test_a_spin_about_one_axis_of_the_body_does_not_warn():
     """μ = (J W × W)·D3 + M3 is that of the load alone."""
     start = {"rotation": nt.rotations.exp([1e-293, 0.2, 0]), "material_angular_velocity": (0, -3, 0)}
     load = nt.pulse([0, 0, 2.0], 0, 1, shape="rectangle")
-    run = nt.simulate(nt.nontwisting([3, 4, 5]), times=[0, 0.5, 1], load=load, integrator="exact", **start)
+    run = nt.simulate(NONTWISTING, times=[0, 0.5, 1], load=load, integrator="exact", **start)
     assert run.reaction_moment.values == pytest.approx(-2.0)
 
 
@@ -303,8 +303,8 @@ test_refusals = refused_as(
         "across": lambda: nt.exact.momentum_period([3, 3, 5], [1, 2, 0]),
         "gravity": lambda: solved(BODIES["heavy_top"](), None),
         "Suslov body": lambda: solved(nt.suslov(TILTED, AXIS), None),
-        "of the state": lambda: solved(nt.standard([3, 4, 5]), nt.damping(0.1)),
-        "standard body": lambda: solved(nt.standard([3, 4, 5]), MOVE),
+        "of the state": lambda: solved(STANDARD, nt.damping(0.1)),
+        "standard body": lambda: solved(STANDARD, MOVE),
         "in space": lambda: solved(nt.nontwisting(PAPER_J), nt.sine([1, 0, 0], 1, frame="space")),
         "moving axis": lambda: solved(nt.nontwisting(PAPER_J), MOVE),
     }

@@ -15,7 +15,8 @@ import pytest
 from PIL import Image
 from scipy.spatial.transform import Rotation
 
-from nontwist import plot, sine, standard, twist
+from conftest import STANDARD
+from nontwist import plot, sine, twist
 from nontwist.analysis import OBSERVABLES
 from nontwist.curves import solid_angle
 from nontwist.integrators import INTEGRATORS
@@ -271,7 +272,7 @@ def test_the_tether_counters_count_what_twist_finds(tmp_path):
 def tumbling():
     """What `torch_run` takes as its problem, and a start."""
     load = sine((0, 0.1, 0.2), frequency=0.4)
-    how = {"system": standard([3, 4, 5]), "t_end": 2, "step": 0.1, "store": 5, "load": load}
+    how = {"system": STANDARD, "t_end": 2, "step": 0.1, "store": 5, "load": load}
     return how, np.array([0.3, -0.4, 0.5]), runpy.run_path(str(ROOT / "examples" / "torch_run.py"))
 
 

@@ -16,7 +16,7 @@ from PIL import Image, ImageSequence
 from scipy.spatial.transform import Rotation
 
 import nontwist as nt
-from conftest import ended, shoelace
+from conftest import NONTWISTING, STANDARD, ended, shoelace
 from nontwist import moment, view
 from nontwist.geometry.arrays import arcs
 from nontwist.plot.looks import contrast
@@ -59,7 +59,7 @@ def durations(path):
 
 
 def test_a_path_of_few_states_is_drawn_along_the_rotations_between_them():
-    run = nt.simulate(nt.nontwisting([3, 4, 5]), t_end=2, step=0.5, material_angular_velocity=(1.0, 2.0, 0.0))
+    run = nt.simulate(NONTWISTING, t_end=2, step=0.5, material_angular_velocity=(1.0, 2.0, 0.0))
     path = Motion(content(run)).at(1.7)[2]
     rate = np.sqrt(5.0)  # free: a great circle at constant speed, whose states are exact
     assert arcs(path).max() < 0.051
@@ -72,7 +72,7 @@ def test_the_scene_from_above_is_the_projection_of_what_it_shows(lean):
     """Between two states, of a body that leans to the reader or away. Flat shapes are lifted into their planes."""
     axis = np.array([0.6, 0, 0.8])
     start = {"rotation": Rotation.from_euler("y", lean), "load": nt.rotor(axis, [0, 2], [0, -2.0])}
-    run = nt.simulate(nt.standard([3, 4, 5]), t_end=2, step=0.01, angular_velocity=(0.3, 0.2, -1.3), **start)
+    run = nt.simulate(STANDARD, t_end=2, step=0.01, angular_velocity=(0.3, 0.2, -1.3), **start)
     (ax,) = still([Motion(shown := content(run))], 1.003, 50, Look(camera=(-np.pi / 2, np.pi / 2))).axes
     path = nt.resample(run, np.append(run.time[run.time < 1.003], 1.003)).directors.values
     d, path, psi = path[-1], path[:, 2], float(nt.twist(run).twist_angle.interp(time=1.003))
@@ -252,7 +252,7 @@ def test_titles_stand_above_pictures_in_lines_of_like_length(runs, folder):
 
 def test_a_film_that_leaps_is_told_what_shows_the_motion(tmp_path):
     """30 turns in 3 pictures: 90 pictures show them, at a third of a turn, and so 50 a second in 3 s."""
-    run = nt.simulate(nt.standard([3, 4, 5]), t_end=1, material_angular_velocity=(0, 0, 60 * np.pi))
+    run = nt.simulate(STANDARD, t_end=1, material_angular_velocity=(0, 0, 60 * np.pi))
     with says(UserWarning) as told:
         save_film([run], tmp_path / "film.gif", seconds=0.2, width=100)
     assert re.search(r"--seconds (\S+) --fps (\S+),", str(told[0].message)).groups() == ("3", "50")

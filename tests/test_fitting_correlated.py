@@ -59,18 +59,6 @@ def test_noise_as_slow_as_the_throw_leaves_no_intervals():
     assert given == 0
 
 
-@pytest.mark.long
-@pytest.mark.parametrize(
-    ("n", "part", "slow", "given"),
-    [(100, 1 / 100, 1, 0.9), (400, 1 / 50, 1, 0.9), (200, 1 / 20, 1, 0.6), (200, 1 / 50, 0.5, 0.9), (200, 1 / 2, 1, 0)],
-)
-def test_intervals_of_95_percent_cover_as_often(n, part, slow, given):
-    """Where noise is as slow as half of the throw there are none, but for chance ones, two of a hundred at most."""
-    found, ours, _ = covered(fits(400, n, part, slow))
-    assert found >= given if given else found < 0.02
-    assert given == 0 or 0.90 <= ours <= 0.98
-
-
 @pytest.mark.parametrize("slow", [1.0, 0.4])
 def test_noise_is_found_from_residuals_from_which_a_fit_has_taken_a_part(slow):
     """Without bias, though columns that change slowly leave residuals that are less correlated than noise is."""

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from conftest import ended
+from conftest import STANDARD, ended
 from fit_errors import (
     CENTRE,
     MASS,
@@ -167,7 +167,7 @@ test_what_attitudes_cannot_tell_is_refused = refused_as(
         "an unknown key": of_flight("tv", orientation={"eular": "ZYX"}),
         "shapes": of_flight("tvs", interval="all"),
         "mixed": lambda: whole([flight()[:2], flight()[::2]]),
-        "none": lambda: fit_inertia(sensors.gyroscope(simulate(standard([3, 4, 5]), t_end=1)), orientation="both"),
+        "none": lambda: fit_inertia(sensors.gyroscope(simulate(STANDARD, t_end=1)), orientation="both"),
         "no motion": lambda: whole(wandering()),
         "inverted": of_flight("tvi", interval="all"),
     }

@@ -264,22 +264,7 @@ def test_friction_sticks_on_a_body_of_any_inertia():
     assert run.sticking.values[-1] == 2
 
 
-def test_friction_beside_potentials():
-    """K + V falls by what friction takes, to the order of the scheme."""
-    load = nt.spring(2, (0, 0, 1), (1, 0, 0.5), 0.3) + nt.dry_friction(0.3)
-    run = nt.simulate(nt.standard(J), t_end=9, step=0.02, load=load, angular_velocity=(0.3, 0.5, 0.1))
-    energy = (run.kinetic_energy + run.potential_energy).values
-    assert energy[0] - energy[-1] == pytest.approx(run.dissipated_energy.sum().item(), abs=1e-9)
-    assert abs(run.load_work.sum() + run.dissipated_energy.sum()) < 1e-14
-
-
 # ---- everywhere
-
-
-def test_comparisons():
-    found = nt.compare(PENDULUM, t_end=0.5, steps=[0.1, 0.05], repeats=1, load=nt.dry_friction(1), **TILTED)
-    assert {name.split()[0] for name in found.integrator.values} == {"gauss", "lie-midpoint"}
-    assert abs(found.attitude_order.sel(integrator="lie-midpoint 2")[-1] - 2) < 0.3
 
 
 test_what_is_refused = refused_as(

@@ -9,7 +9,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import nontwist as nt
-from conftest import thinned
+from conftest import NONTWISTING, thinned
+from covering.problems import FULL as J
 from exact_reference import by_scipy
 from nontwist.analysis.invariants import drifts
 from nontwist.errors import SimulationError
@@ -18,8 +19,7 @@ from nontwist.loads.kinds import load_of
 from nontwist.validation.compiled_steps import ReferenceEnergyMomentum
 from refusals import refused_as, says
 
-J = np.array([[3, 0.2, 0.4], [0.2, 4, -0.3], [0.4, -0.3, 5]])
-FREE, HELD, SLANTED = nt.standard(J), nt.nontwisting([3, 4, 5]), nt.suslov(J, (0.3, 0.2, 1))
+FREE, HELD, SLANTED = nt.standard(J), NONTWISTING, nt.suslov(J, (0.3, 0.2, 1))
 START = {
     "rotation": Rotation.from_quat([0.5, 0.1, 0.2, 0.8]),
     "material_angular_velocity": (1, 2, 0.5),
@@ -108,9 +108,9 @@ def truth(name):
     return by_scipy(J, W, FORCED[name][1], 2.0, q, max_step=0.05)[::2]
 
 
-@pytest.mark.parametrize(("name", "way"), thinned(2, FORCED, STEPPING))
+@pytest.mark.parametrize(("name", "way"), thinned(3, FORCED, STEPPING))
 def test_motion_and_work_in_every_integrator(name, way):
-    """The order of both; and momentum changes by the moment, energy by the work."""
+    """The order of both; that momentum changes by the moment, and energy by the work: `test_contract`."""
     load, (scheme, order), errors = FORCED[name][0](), way, []
     directors, work = truth(name)
     for n in (64, 128):
@@ -118,13 +118,7 @@ def test_motion_and_work_in_every_integrator(name, way):
         errors.append((abs(run.directors.values[-1] - directors).max(), abs(run.load_work.values.sum() - work)))
     orders = np.log2(errors[0]) - np.log2(errors[1])
     assert orders[0] == pytest.approx(order or 2, abs=0.25)
-    if load.potentials:
-        return
-    assert orders[1] == pytest.approx(order or 2, abs=0.25)
-    gained = np.diff(run.kinetic_energy.values[[0, -1]])[0]
-    assert gained == pytest.approx(run.load_work.values.sum(), abs=1e-12 * abs(work) + 1e-12)
-    impulse = run.moment.values.T @ np.diff(run.time.values)
-    assert impulse == pytest.approx(np.diff(run.spatial_momentum.values[[0, -1]], axis=0)[0], abs=1e-12)
+    assert load.potentials or orders[1] == pytest.approx(order or 2, abs=0.25)
 
 
 @pytest.mark.parametrize("name", FORCED)
@@ -165,7 +159,7 @@ def test_a_quadratic_potential_is_its_forces_on_directors(body, scheme):
 
 
 GYROSTATS = {f"{name}, rotor": POTENTIALS[name] + nt.rotor((1, 0, 0.5), 0.8) for name in ("quadratic", "linear")}
-CASES = [*thinned(2, [FREE, HELD, SLANTED], POTENTIALS), *product([FREE], GYROSTATS)]
+CASES = [*thinned(3, [FREE, HELD, SLANTED], POTENTIALS), *product([FREE], GYROSTATS)]
 
 
 @pytest.mark.parametrize(("body", "name"), CASES)

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import exact_reference as reference
-from conftest import random_inertia, thinned
+from conftest import NONTWISTING, STANDARD, random_inertia, thinned
 from exact_reference import FULL, distance
-from nontwist import damping, exact, integrate, nontwisting, rotations, rotor, simulate, simulate_ensemble, standard
+from nontwist import damping, exact, integrate, rotations, rotor, simulate, simulate_ensemble, standard
 from nontwist.exact.gyrostats import gyrostat
 from nontwist.geometry.attitudes import attitudes
 from refusals import refused_as
@@ -167,10 +167,10 @@ def solved(body, load):
 
 test_refusals = refused_as(
     {
-        "spins up": lambda: solved(standard([3, 4, 5]), rotor("z", [0.2, 0.5], [0, 1])),
-        "up and down again": lambda: solved(standard([3, 4, 5]), rotor("z", [0.2, 0.5, 0.8], [1, 2, 1])),
-        "damped": lambda: solved(standard([3, 4, 5]), rotor("z", 1) + damping(0.1)),
-        "constrained": lambda: solved(nontwisting([3, 4, 5]), rotor("z", 1)),
+        "spins up": lambda: solved(STANDARD, rotor("z", [0.2, 0.5], [0, 1])),
+        "up and down again": lambda: solved(STANDARD, rotor("z", [0.2, 0.5, 0.8], [1, 2, 1])),
+        "damped": lambda: solved(STANDARD, rotor("z", 1) + damping(0.1)),
+        "constrained": lambda: solved(NONTWISTING, rotor("z", 1)),
         "far": lambda: exact.free_gyrostat([3, 4, 5], (0, 0, 1), AXIS, [1e17]),
     }
 )

@@ -184,16 +184,6 @@ def test_a_turned_and_shifted_mesh(R, shift):
     close(moved.inertia, R.as_matrix() @ J @ R.as_matrix().T, 1e-13)
 
 
-def test_icospheres_tend_to_the_sphere_at_order_two():
-    meshes = [trimesh.creation.icosphere(subdivisions=k, radius=2) for k in (4, 5)]
-    found = [inertia.of_mesh(mesh.vertices, mesh.faces, density=3) for mesh in meshes]
-    mass = 3 * 4 / 3 * np.pi * 2**3
-    sphere = inertia.of_ellipsoid(mass, (2, 2, 2))
-    for errors in ([abs(got.mass - mass) for got in found], [abs(got.inertia - sphere).max() for got in found]):
-        assert np.log2(np.divide(errors[:-1], errors[1:])) == pytest.approx(2, abs=0.02)
-    assert abs(found[-1].inertia / sphere[0, 0] - np.eye(3)).max() < 2e-3
-
-
 @pytest.mark.parametrize("suffix", ["stl", "glb"])
 def test_a_file_in_millimetres(tmp_path, suffix):
     path, (x, f) = tmp_path / f"part.{suffix}", l_shaped_part()
@@ -245,7 +235,6 @@ BROKEN = {
     "inside out": inverted(box((1, 2, 3))),
     "a part inside out": together(box((9, 1, 1)), inverted(box((1, 2, 3), (0, 5, 0)))),
     "flat": box((1, 2, 0)),
-    "tilted sheet": (np.random.default_rng(0).normal(size=(3, 3)), [[0, 1, 2], [2, 1, 0]]),
     "nothing but a cavity": together(box(), inverted(box())),
     "twice": together(box(), box()),
     "faces missing": (np.eye(3),),

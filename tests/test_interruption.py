@@ -1,12 +1,9 @@
 """Ctrl-C: what was marched is kept, bit for bit as the whole run has it."""
 
 import contextlib
-import errno
-import os
 import pickle
 import re
 import signal
-import sys
 from itertools import pairwise
 
 import numpy as np
@@ -15,7 +12,7 @@ import pytest
 from conftest import BODIES
 from nontwist import heavy_top, integrate, moment, pulse, simulate, sine
 from nontwist.driver import single_run
-from nontwist.driver.notices import progress_bar, sigterm_interrupts
+from nontwist.driver.notices import sigterm_interrupts
 from nontwist.errors import SimulationInterrupt, Status
 from nontwist.integrators import Continuous, marching, split, stack_march
 from nontwist.validation.compiled_steps import ReferenceEnergyMomentum
@@ -191,27 +188,6 @@ def test_the_message_names_the_signal(name, number, handlers, monkeypatch):
         integrate(BODIES["nontwisting"](), load=load, **how)
     assert re.match(rf"interrupted \({number.name}\) at t = [\d.]+ s, after \d+ of \d+ steps$", str(info.value))
     assert info.value.partial.message == str(info.value)
-
-
-def test_a_bar_whose_terminal_is_gone_loses_nothing(monkeypatch):
-    class Gone:
-        def write(self, text):
-            if self.is_gone:
-                raise OSError(errno.EIO, os.strerror(errno.EIO))
-
-        def flush(self):
-            pass
-
-        def isatty(self):
-            return True
-
-        is_gone = False
-
-    terminal = Gone()
-    monkeypatch.setattr(sys, "stderr", terminal)
-    with progress_bar(2) as report:
-        report(0.5)
-        terminal.is_gone = True
 
 
 @pytest.mark.parametrize("strikes", [1, 3])

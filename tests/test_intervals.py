@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 
 import nontwist as nt
+from conftest import NONTWISTING, STANDARD
 
 J = [[3, 0.2, -0.1], [0.2, 4, 0.3], [-0.1, 0.3, 5]]
 WEIGHT = 1.5, (0.3, 0.1, 0.4)
-HEAVY = nt.with_gravity(nt.nontwisting([3, 4, 5]), *WEIGHT)
+HEAVY = nt.with_gravity(NONTWISTING, *WEIGHT)
 BODIES = {"heavy": HEAVY, "general axis": nt.with_gravity(nt.suslov(J, (1, 2, 2)), *WEIGHT)}
 LOAD = nt.sine((0.5, 0.2, 0.7), frequency=0.3) + nt.damping(0.1)
 SPIN = {"material_angular_velocity": (0.3, 1.2, 0)}
@@ -61,7 +62,7 @@ def test_the_moment_of_the_constraint_on_a_gyrostat_is_along_its_axis(integrator
 def test_twist_is_counted_beyond_half_a_turn(order):
     """About its own axis a body turns steadily, and twists as far as it turns."""
     how = {"step": 1, "integrator": "gauss", "order": order, "angular_velocity": (0, 0, 0.8 * order / 2)}
-    run = nt.simulate(nt.standard([3, 4, 5]), t_end=6, **how)
+    run = nt.simulate(STANDARD, t_end=6, **how)
     assert (run.mean_twist_rate * 1).values == pytest.approx(np.full(6, 0.8 * order / 2), rel=1e-14)
 
 

@@ -40,10 +40,10 @@ def test_each_run_keeps_what_it_should(case):
 
 @pytest.mark.parametrize(("scheme", "order"), [("energy-momentum", 2), ("lie-midpoint", 2), ("gauss", 4)])
 @pytest.mark.parametrize("case", ["standard", "nontwisting", "suslov", "heavy top"])
-@pytest.mark.parametrize("steps", [20_000, pytest.param(1_000_000, marks=pytest.mark.long)])
-def test_drift_over_many_steps(steps, case, scheme, order):
+def test_drift_over_many_steps(case, scheme, order):
+    """Over more: validation, invariants."""
     body, load, names = CASES[case]
-    how = {"t_end": 0.005 * steps, "step": 0.005, "store": 1000, "integrator": scheme, "order": order}
+    how = {"t_end": 100, "step": 0.005, "store": 1000, "integrator": scheme, "order": order}
     found = drifts(nt.simulate(body(), material_angular_velocity=[2, -3, 1.5], load=load, project=True, **how))
     assert set(found) == names | {"orthonormality"}
     assert max(drift.relative for drift in found.values()) < 1e-12
@@ -52,19 +52,6 @@ def test_drift_over_many_steps(steps, case, scheme, order):
 
 ENDLESS = nt.sine([1, 2, 3], 0.7, frame="space")
 STEPPING = [(name, order) for name, scheme in INTEGRATORS.items() for order in scheme.orders]
-
-
-@pytest.mark.long
-@pytest.mark.filterwarnings("ignore:the run will take about:UserWarning")
-@pytest.mark.parametrize(("name", "order"), STEPPING)
-@pytest.mark.parametrize("load", [PULSE, ENDLESS], ids=["pulse", "sine"])
-@pytest.mark.parametrize("body", ["standard", "nontwisting"])
-def test_energy_changes_by_the_work_over_a_million_steps(name, order, load, body):
-    how = {"t_end": 2000, "step": 0.002, "store": 1000, "integrator": name, "order": order}
-    run = nt.simulate(BODIES[body](), material_angular_velocity=[1, -2, 3], load=load, project=True, **how)
-    found = drifts(run)
-    assert set(found) == {"energy_balance", "orthonormality"}
-    assert max(drift.relative for drift in found.values()) < 1e-12
 
 
 @pytest.mark.parametrize(

@@ -191,9 +191,7 @@ test_wrong_parameters_and_plans_are_refused = refused_as(
         "body": called({"inertia": -J}),
         "duration": called({"duration": 0}),
         "no dictionary": called([W0]),
-        "integrator": lambda: function(nt.standard(J), **GRID | {"integrator": "split"}),
         "no step": lambda: function(nt.standard(J), **GRID | {"step": None}),
-        "step": lambda: function(nt.standard(J), **GRID | {"step": 0.3}),
     }
 )
 

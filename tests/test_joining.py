@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 import nontwist as nt
-from conftest import nontwist
+from conftest import NONTWISTING, STANDARD, nontwist
 from refusals import says, warned
 
-BODY, START = nt.nontwisting([3, 4, 5]), {"material_angular_velocity": (0.5, 2, 0)}
+BODY, START = NONTWISTING, {"material_angular_velocity": (0.5, 2, 0)}
 HOW = {"step": 0.125, "load": nt.pulse((1, 0, 0), start=0.5, end=1.5)}
 
 
@@ -50,7 +50,7 @@ def test_other_loads_steps_and_events_are_joined():
     assert set(found.data_vars) == set(first.data_vars) & set(second.data_vars)
     at = nt.resample(found, [0.55, 1.8])
     assert at.kinetic_energy.values[0] == pytest.approx(first.kinetic_energy.values[0], rel=1e-13)
-    body, how = nt.standard([3, 4, 5]), {"step": 0.1, "integrator": "gauss"}
+    body, how = STANDARD, {"step": 0.1, "integrator": "gauss"}
     events = {"events": lambda t, state: state.material_angular_velocity[1] - 1.99}
     one = nt.simulate(body, t_end=1, **how, **events, **START)
     other, without = (nt.simulate(body, t_end=5, start=one, **how, **more) for more in (events, {}))
@@ -64,13 +64,13 @@ def test_other_loads_steps_and_events_are_joined():
 def test_the_drifts_of_joined_runs_are_those_of_what_all_parts_conserve(tmp_path):
     """Under the loads of all parts: a free part after a loaded one keeps K - A, not K."""
     push, brake = nt.pulse((1, 0, 0.5), start=0.5, end=1.5), nt.damping(0.4)
-    parts = [nt.simulate(nt.standard([3, 4, 5]), t_end=2, step=0.125, load=push, **START)]
-    parts.append(nt.simulate(nt.standard([3, 4, 5]), t_end=3, step=0.125, start=parts[0]))
+    parts = [nt.simulate(STANDARD, t_end=2, step=0.125, load=push, **START)]
+    parts.append(nt.simulate(STANDARD, t_end=3, step=0.125, start=parts[0]))
     found = nt.drifts(nt.join_runs(*parts))
     assert list(found) == ["energy_balance", "orthonormality"]
     assert found["energy_balance"].relative < 1e-14
     assert np.ptp(parts[0].kinetic_energy.values) > 0.1
-    parts.append(nt.simulate(nt.standard([3, 4, 5]), t_end=5, step=0.125, start=parts[1], load=brake))
+    parts.append(nt.simulate(STANDARD, t_end=5, step=0.125, start=parts[1], load=brake))
     nt.save_run(nt.join_runs(*parts), tmp_path / "joined.nc")
     shown = " ".join(nontwist("info", tmp_path / "joined.nc", COLUMNS="200").stdout.split())
     assert "0 s to 2 s: triangle pulse (1, 0, 0.5) N m along the directors, from 0.5 to 1.5 s" in shown
@@ -84,7 +84,7 @@ def test_the_drifts_of_joined_runs_are_those_of_what_all_parts_conserve(tmp_path
 
 def test_potentials_and_wheels_that_change_at_a_seam_leave_no_energy():
     def run(load, **how):
-        return nt.simulate(nt.standard([3, 4, 5]), **{"step": 0.125, "load": load, **how})
+        return nt.simulate(STANDARD, **{"step": 0.125, "load": load, **how})
 
     soft, hard = (nt.spring(k, (0, 0, 1), (1, 0, 0)) for k in (3, 5))
     first = run(soft, t_end=2, **START)
@@ -148,14 +148,12 @@ def test_what_does_not_fit_is_refused():
 
 def test_runs_are_taken_in_the_order_of_their_labels():
     """Directors, axes and components of quaternions in another order are the same run."""
-    run = nt.simulate(nt.standard([3, 4, 5]), t_end=1, step=0.1, material_angular_velocity=(1, 2, 3))
+    run = nt.simulate(STANDARD, t_end=1, step=0.1, material_angular_velocity=(1, 2, 3))
     other = run.isel(director=[2, 0, 1], quat=[3, 0, 1, 2], axis=[1, 2, 0])
     for function in (
         lambda run: nt.point_position(run, (1, 2, 3)),
-        lambda run: nt.simulate(nt.standard([3, 4, 5]), t_end=2, step=0.1, start=run).directors,
-        lambda run: nt.resample(run, [0.25]).directors,
+        lambda run: nt.simulate(STANDARD, t_end=2, step=0.1, start=run).directors,
         lambda run: nt.join_runs(run).directors,
-        lambda run: nt.sensors.gyroscope(run).gyroscope,
         lambda run: nt.twist(run, axis="z").twist_angle,
     ):
         assert np.array_equal(function(other), function(run))
@@ -165,7 +163,7 @@ def test_runs_are_taken_in_the_order_of_their_labels():
 def test_parts_of_a_run_have_the_balance_of_the_run():
     """`isel` and `sel` leave all intervals to a part, and those of its states to one that is thinned."""
     how = {"t_end": 3, "step": 0.1, "material_angular_velocity": (1, 2, 3)}
-    run = nt.simulate(nt.standard([3, 4, 5]), load=nt.pulse((1, 2, 0), start=0, end=2), **how)
+    run = nt.simulate(STANDARD, load=nt.pulse((1, 2, 0), start=0, end=2), **how)
     joined = nt.join_runs(run.isel(time=slice(0, 11)), run.isel(time=slice(10, None)))
     assert np.array_equal(joined.load_work, run.load_work)
     for steps in (slice(3, 9), slice(None, None, 2), [0]):

@@ -115,7 +115,10 @@ def needles():
 
 
 @pytest.mark.filterwarnings("error", "ignore:the step")
-@pytest.mark.parametrize(("name", "body", "W", "t_end", "step", "bound"), list(needles()))
+@pytest.mark.parametrize(
+    ("name", "body", "W", "t_end", "step", "bound"),
+    [pytest.param(*one, marks=[pytest.mark.long] * (one[0] in (Gauss(8), Gauss(12)))) for one in needles()],
+)
 def test_needles_keep_their_energy_and_momentum(name, body, W, t_end, step, bound):
     """Where the spin is the round-off of all P, or fills the first increment of Newton's iteration; none stalls."""
     how = {"t_end": t_end, "step": step, "store": 1, "variables": "all", "integrator": name}

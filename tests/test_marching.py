@@ -83,7 +83,9 @@ def on_floats(monkeypatch):
 
 
 @pytest.mark.filterwarnings("ignore:(damping slows|the step is coarse|internal states of the load decay):UserWarning")
-@pytest.mark.parametrize(("scheme", "body", "load", "how"), or_long(CASES[::3], CASES[1::3] + CASES[2::3]))
+@pytest.mark.parametrize(
+    ("scheme", "body", "load", "how"), or_long(CASES[::4], CASES[1::4] + CASES[2::4] + CASES[3::4])
+)
 def test_texts_on_floats_have_the_bits_of_their_kernels(scheme, body, load, how, request, monkeypatch):
     """Where `gauss` needs Newton's iteration as well."""
     body, about = BODIES[body](1.0), how | {"load": OWN.get(load) or made_load(load), "integrator": SCHEMES[scheme]}

@@ -1,6 +1,5 @@
 """A body, an integrator and a reader that are registered at run time, as the pages say, count everywhere."""
 
-import ast
 import json
 import os
 import pickle
@@ -11,11 +10,13 @@ import shutil
 import subprocess
 import sys
 from dataclasses import dataclass, replace
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 from typing import Annotated, ClassVar
 from unittest.mock import patch
 
+import distributed
 import numpy as np
 import pytest
 
@@ -400,8 +401,8 @@ def test_an_integrator_of_one_order_needs_no_field_for_it(here, write):
         assert json.loads(run.attrs["integrator"]) == {"name": "heun", "order": 3}
     with pytest.raises(ValueError, match=r"^heun has the order 3; got order = 2$"):
         simulate(BRICK, integrator="heun", order=2, **how)
-    run, truth = (simulate(BRICK, tolerance=x, integrator=one, **how) for one, x in (("heun", 1e-6), ("gauss", 1e-10)))
-    assert abs(run.directors[-1] - truth.directors[-1]).max() < 1e-6
+    run, truth = (simulate(BRICK, tolerance=x, integrator=one, **how) for one, x in (("heun", 1e-4), ("gauss", 1e-10)))
+    assert abs(run.directors[-1] - truth.directors[-1]).max() < 1e-4
     coarse = r"by 85\.9 degrees in it \(heun, order 3\); try step <= 0\.03, the integrator gauss, or tolerance = 1e-6$"
     with pytest.warns(UserWarning, match=coarse):
         simulate(BRICK, t_end=1, step=0.1, material_angular_velocity=(15, 0, 0), integrator="heun")
@@ -462,23 +463,16 @@ def test_the_keys_of_bodies_are_those_of_run_files():
     assert {"kind", *KEYS} == set(Body.model_fields)
 
 
-def test_kinds_of_bodies_are_named_where_they_are_declared_only():
-    """Else an if-chain would treat a newcomer as one of them. `exact.suslov` is a function; `validate` has cases."""
-    named = set()
-    for path in (ROOT / "src" / "nontwist").rglob("*.py"):
-        text = path.read_text(encoding="utf-8")
-        nodes = ast.walk(ast.parse(text)) if any(f'"{name}"' in text for name in BODIES) else ()
-        if path.parent.name != "validation" and {getattr(node, "value", "") for node in nodes} & set(BODIES):
-            named.add(f"{path.parent.name}/{path.name}")
-    assert named == {"models/bodies.py", "exact/__init__.py"}
+MAGNET = """load = [{ kind = "magnet", dipole = [0.3, 0, 1.2], field = [2e-5, 0, -4e-5] }]
+body = { kind = "standard", inertia = [2e-5, 3e-5, 4e-5] }
+time.t_end = 1
+"""
 
 
-def test_commands_import_modules_of_ones_own(here, write, monkeypatch):
-    """Before or after the command, whose hints then have the option; and in processes of Dask."""
+def test_commands_import_modules_of_ones_own(here, write):
+    """Before or after the command, whose hints then have the option."""
     shutil.copy(ROOT / "examples" / "own_load.py", "own_load.py")
-    load = 'load = [{ kind = "magnet", dipole = [0.3, 0, 1.2], field = [2e-5, 0, -4e-5] }]\n'
-    body = '[body]\nkind = "standard"\ninertia = [2e-5, 3e-5, 4e-5]\n[time]\nt_end = 1\n'
-    write(load + body)
+    write(MAGNET)
     alone = ended(3, "check", "run.toml")
     assert next(line for line in alone.stderr.splitlines() if "load.0.kind" in line).endswith(
         f'"gravity_gradient"{YOUR_OWN}'
@@ -490,9 +484,17 @@ def test_commands_import_modules_of_ones_own(here, write, monkeypatch):
     for name in ("run", "magnet"):
         importing(LOADS, "run", f"{name}.toml", "--import", "own_load", "--quiet")
         assert open_run(f"{name}.nc").attrs["status"] == 0
-    over = '[time]\nt_end = 1\nstep = 0.1\n[[sweep.over]]\nkey = "load.0.scale"\nkind = "list"\nvalues = [1, 2]\n'
-    write(load + body.partition("[time]")[0] + over, "sweep.toml")
-    monkeypatch.syspath_prepend(here)  # as processes of a session do not begin in this folder
+
+
+@pytest.mark.parametrize("has_processes", [False, pytest.param(True, marks=pytest.mark.long)])
+def test_workers_of_dask_import_modules_of_ones_own(has_processes, here, write, monkeypatch):
+    """Threads or processes, which do not begin in this folder."""
+    cluster = partial(distributed.LocalCluster, processes=has_processes)
+    monkeypatch.setattr("distributed.LocalCluster", cluster)
+    monkeypatch.syspath_prepend(here)
+    shutil.copy(ROOT / "examples" / "own_load.py", "own_load.py")
+    over = 'time.step = 0.1\n[[sweep.over]]\nkey = "load.0.scale"\nkind = "list"\nvalues = [1, 2]\n'
+    write(MAGNET + over, "sweep.toml")
     words = ["sweep", "sweep.toml", "--import", "own_load", "--dask", "local", "--workers", "1"]
     assert "2, 0 failed" in importing(LOADS, *words).stdout
 

@@ -1,4 +1,4 @@
-"""Bodies on elliptic orbits: Kepler's equation in 50 digits, motion by SciPy, libration."""
+"""Bodies on elliptic orbits: Kepler's equation in 50 digits, motion by SciPy."""
 
 import mpmath as mp
 import numpy as np
@@ -38,30 +38,6 @@ def test_keplers_equation_to_round_off(e):
         assert float(mp.hypot(x - X, y - Y)) * r**1.5 < 3 * 2.3e-16 * max(1.0, turn * max(abs(M), E))
     M = np.linspace(-20, 20, 41)
     assert np.allclose(on_orbit(M, 0.5), np.transpose([on_orbit(float(m), 0.5) for m in M]), rtol=0, atol=1e-14)
-
-
-def test_orders_on_an_ellipse():
-    """Against SciPy; on another ellipse by Newton's law of gravity: nontwist.validation."""
-    how = {"t_end": 4, "load": gravity_gradient(n, eccentricity=0.4), **TUMBLING}
-    truth = simulate(HYPERION, step=0.02, integrator="continuous", **how).directors.values[-1]
-    for scheme, order in (("lie-midpoint", 2), ("energy-momentum", 2), ("gauss", 4)):
-        runs = [simulate(HYPERION, step=h, integrator=scheme, order=order, **how) for h in (0.04, 0.02)]
-        errors = [abs(run.directors.values[-1] - truth).max() for run in runs]
-        assert np.log2(errors[0] / errors[1]) == pytest.approx(order, abs=0.1)
-    assert abs(simulate(HYPERION, **how).directors.values[-1] - truth).max() < 1e-8
-
-
-def test_forced_libration():
-    """θ - n t swings by 2e ω²/(ω² - n²), ω² = 3 n² (B - A)/C (Goldreich & Peale 1966): of ω² = 1/2 by -2e, to O(e²)."""
-    body, small = standard([1.0, 1.0 + 1 / 6, 1.0]), 1e-4
-    forced = 2 * small * 0.5 / (0.5 - 1)
-    t = np.linspace(0, 4 * np.pi, 200)
-    run = simulate(
-        body, times=t, material_angular_velocity=(0, 0, 1 + forced), load=gravity_gradient(1.0, eccentricity=small)
-    )
-    d1 = run.directors.values[:, 0]
-    swing = np.unwrap(np.arctan2(d1[:, 1], d1[:, 0])) - t
-    assert abs(swing - forced * np.sin(t)).max() < 20 * small**2
 
 
 def test_planar_motion_of_hyperion():

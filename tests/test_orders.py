@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from conftest import BODIES, PAPER_J, compiled_load
-from nontwist import integrate, nontwisting, pulse, standard, suslov, with_gravity
+from nontwist import damping, gravity_gradient, integrate, nontwisting, pulse, rotor, standard, suslov, with_gravity
 from nontwist.integrators import INTEGRATORS, EnergyMomentum, LieMidpoint
 from nontwist.validation.orders import swing
 from nontwist.validation.problems import SHARP, pushed
@@ -15,6 +15,8 @@ from nontwist.validation.problems import SHARP, pushed
 TILTED = [[3, 0.2, 0.4], [0.2, 4, -0.3], [0.4, -0.3, 5]]
 BOTH, STATE = pushed("body") + pushed("space"), compiled_load(swing)
 HELD = with_gravity(suslov(np.diag([3.0, 4, 5]), [1, 0, 0]), 0.5, [0.1, 0.2, 0.3])
+ROTORS = rotor((1, 2, -0.5), [0.5, 1.0], [2.0, 5.0]) + rotor((0, 0, 1), 1.5) + damping(0.1)
+SPUN = nontwisting([3, 4, 5], spin=([0.5, 1.0], [0.4, 3.0]))
 PROBLEMS = {
     "non-twisting": (nontwisting(PAPER_J), [1, -2, 0], BOTH),
     "non-twisting, kinks on the grid": (nontwisting(PAPER_J), [1, -2, 0], pulse([3, 1, 0], 0.5, 1.5)),
@@ -25,6 +27,10 @@ PROBLEMS = {
     "free standard": (standard(TILTED), [1, -2, 3], None),
     "free Suslov, tilted axis": (suslov(TILTED, [0.3, 0.2, 1]), [2, -4, 0], None),
     "Suslov": (suslov(TILTED, [0.3, 0.2, 1]), [1, -2, 0], BOTH + STATE),
+    "gyrostat": (standard(TILTED), [0.4, -1.1, 0.7], ROTORS),
+    "gyrostat, Suslov": (suslov(TILTED, [0.3, 0.2, 1]), [0.4, -1.1, 0.7], ROTORS),
+    "spun, heavy": (with_gravity(SPUN, 1.5, (0.1, 0, 0.3)), [1, 2, 0], damping(0.1)),
+    "free, on an ellipse": (standard([1, 1.37, 1.4]), [0.1, 0.2, 1.2], gravity_gradient(1, eccentricity=0.4)),
 }
 SCHEMES = [kind(order=k) for kind in INTEGRATORS.values() for k in kind.orders if k < 8]  # test_gauss: of all orders
 DISSIPATIVE = [kind(order, dissipation=0.7) for kind in (LieMidpoint, EnergyMomentum) for order in (1, 2)]
@@ -35,7 +41,8 @@ def cases():
     for k, problem in enumerate(PROBLEMS):
         for scheme in SCHEMES:
             is_quick = len(scheme.orders) == 1 or scheme.order == 2 + 2 * (k % 3)
-            if scheme.name != "split" or not any(word in problem for word in ("free", "Suslov", "kinks")):
+            refused = {"split": ("free", "Suslov", "kinks", "gyrostat", "spun"), "energy-momentum": ("spun",)}
+            if not any(word in problem for word in refused.get(scheme.name, ())):
                 yield pytest.param(problem, scheme, marks=[] if is_quick else pytest.mark.long)
     yield from product(("standard", "heavy top, load of the state"), DISSIPATIVE)
 

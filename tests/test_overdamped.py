@@ -11,7 +11,7 @@ from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 
 import nontwist as nt
-from conftest import cross, thinned
+from conftest import cross, or_long, thinned
 from nontwist.errors import SimulationError, Status
 from nontwist.integrators.costs import damping_rate, largest_velocity, slowest_damping, swing_rate
 from nontwist.loads import Load
@@ -36,9 +36,9 @@ def pendulum(c, rate=0.0):
         (0, t[-1]),
         [1.0, rate],
         t_eval=t,
-        method="Radau",
+        method="LSODA",
         jac=lambda _, y: [[0.0, 1.0], [-WEIGHT * np.cos(y[0]) / J, -c / J]],
-        rtol=1e-12,
+        rtol=3e-14,
         atol=1e-15 * WEIGHT / c,
     )
     return t, found.y
@@ -130,15 +130,6 @@ def test_each_step_shrinks_a_decay(scheme, make, size):
     assert abs(rates[-1]) < 1e-17
 
 
-@pytest.mark.parametrize(("c", "tolerance"), [(1e2, 1e-6), (1e8, 1e-10)])
-def test_states_between_steps_are_within_the_tolerance(c, tolerance):
-    """While the velocity comes up, in about J/c, and later; relative to the largest velocity."""
-    t, (angle, rate) = pendulum(c)
-    run = nt.integrate(OIL, **how(c), times=t, tolerance=tolerance)
-    assert abs(angles(run) - angle).max() <= tolerance
-    assert abs(run.material_angular_velocity[:, 0] + rate).max() <= tolerance * abs(rate).max()
-
-
 @pytest.mark.filterwarnings("ignore:a table of the load ends")
 def test_a_push_is_resolved_where_it_begins_and_ends():
     """About a principal axis ``W = M/c (1 - exp(-λ t))`` while it lasts, and ``W exp(-λ t)`` behind it."""
@@ -154,28 +145,48 @@ def test_a_push_is_resolved_where_it_begins_and_ends():
     assert angle == pytest.approx(turned, abs=1e-8)
 
 
-def test_a_heavy_body_with_drag_along_slanted_axes():
-    """Rates of 30 to 2e5 1/s, all axes coupled: by SciPy in quaternions."""
-    turned = Rotation.from_rotvec([0.4, -0.7, 0.3]).as_matrix()
-    C = turned @ np.diag([40.0, 900.0, 9e3]) @ turned.T
-    inertia, arm, mass = np.array([[1.2, 0.01, 0], [0.01, 1.25, -0.05], [0, -0.05, 0.09]]), [0.05, 0.02, 0.6], 2.0
-    start, W0, t = Rotation.from_rotvec([2.0, 0.5, -0.3]), np.array([3.0, -2.0, 4.0]), np.array([0.001, 0.1, 2.0])
+TURNED = Rotation.from_rotvec([0.4, -0.7, 0.3]).as_matrix()
+SLANTED = {  # inertia, damping, mass times arm, start, velocity, times, and steps at most
+    "drag": (
+        np.array([[1.2, 0.01, 0], [0.01, 1.25, -0.05], [0, -0.05, 0.09]]),
+        TURNED @ np.diag([40.0, 900.0, 9e3]) @ TURNED.T,
+        np.array([0.1, 0.04, 1.2]),
+        Rotation.from_rotvec([2.0, 0.5, -0.3]),
+        np.array([3.0, -2.0, 4.0]),
+        np.array([0.001, 0.1, 2.0]),
+        600,
+    ),
+    "oil": (np.diag([J, J, 0.01]), 1e4 * np.eye(3), np.eye(3)[2], HANGING, np.array([3.0, -6, 8]), [1e5 / WEIGHT], 200),
+}
+
+
+@pytest.mark.parametrize("case", SLANTED)
+def test_all_axes_of_a_heavy_body_turn_where_rates_differ(case):
+    """Of 30 to 2e5 1/s under drag along slanted axes, and of 1e4 and 1e6 1/s in oil: by SciPy in quaternions."""
+    inertia, C, arm, start, W0, t, steps = SLANTED[case]
 
     def rates(_, y):
         (x1, x2, x3, s), W = y[:4], y[4:]
         down = np.array([2 * (x1 * x3 - x2 * s), 2 * (x2 * x3 + x1 * s), 1 - 2 * (x1**2 + x2**2)])  # of the body
-        moment = cross(np.array(arm), -mass * WEIGHT * down) - C @ W + cross(inertia @ W, W)
+        moment = cross(arm, -WEIGHT * down) - C @ W + cross(inertia @ W, W)
         turn = [*(s * W + cross(y[:3], W)), -y[:3] @ W]
         return np.append(np.array(turn) / 2, np.linalg.solve(inertia, moment))
 
-    begin, close = np.append(start.as_quat(), W0), {"method": "Radau", "rtol": 1e-10, "atol": 1e-12}
+    begin, small = np.append(start.as_quat(), W0), 1e-15 / C.max()
+    close = {"method": "LSODA", "rtol": 1e-11, "atol": [1e-15] * 4 + [small] * 3}
     found = solve_ivp(rates, (0, t[-1]), begin, t_eval=t, **close).y.T
-    body, own = nt.heavy_top(inertia, mass=mass, centre_of_mass=arm), {"material_angular_velocity": W0}
-    run = nt.integrate(body, times=t, load=nt.damping(C), tolerance=1e-8, rotation=start, **own)
-    apart = Rotation.from_quat(found[:, :4]).inv() * Rotation.from_quat(run.quaternion)
-    assert apart.magnitude().max() <= 1e-8
+    body = nt.heavy_top(inertia, mass=2, centre_of_mass=arm / 2) if case == "drag" else OIL
+    tolerance = 1e-8 if case == "drag" else None
+    how = {"times": t, "load": nt.damping(C), "rotation": start, "material_angular_velocity": W0}
+    run = nt.integrate(body, **how, tolerance=tolerance)
+    ends = [Rotation.from_quat(q) for q in (found[:, :4], run.quaternion)]
+    assert (ends[0].inv() * ends[1]).magnitude().max() <= (tolerance or 1e-9)
     assert abs(run.material_angular_velocity - found[:, 4:]).max() <= 1e-8 * np.linalg.norm(W0)
-    assert run.stretches.steps < 600
+    assert run.stretches.steps < steps
+    if tolerance is None:
+        tilts = [np.linalg.norm(end[-1].apply([0, 0, 1])[:2]) for end in ends]
+        assert tilts[1] == pytest.approx(tilts[0], rel=1e-6, abs=0)
+        assert run.material_angular_velocity[-1] == pytest.approx(found[-1, 4:], rel=1e-6, abs=1e-12 * small * 1e15)
 
 
 @pytest.mark.parametrize("rate", [0, 10])
@@ -227,8 +238,13 @@ def test_a_step_that_is_too_long_is_told_with_what_works():
         nt.simulate(OIL, **how(1e4))
 
 
-@pytest.mark.parametrize(("rate", "most"), [(0.0, "4e\\+20"), (1.0, "1e\\+19")])
-@pytest.mark.parametrize("scheme", [{}, {"tolerance": 1e-6}, {"integrator": "split"}])
+@pytest.mark.parametrize(
+    ("rate", "most", "scheme"),
+    or_long(
+        [(1.0, "1e\\+19", {}), *((0.0, "4e\\+20", one) for one in ({}, {"tolerance": 1e-6}, {"integrator": "split"}))],
+        [(1.0, "1e\\+19", one) for one in ({"tolerance": 1e-6}, {"integrator": "split"})],
+    ),
+)
 def test_more_decays_than_round_off_allows_are_refused_with_what_works(monkeypatch, scheme, rate, most):
     """A run up to the time that is named, and one over the whole time in the step that is named."""
     c, marched, from_rest = 1e12, [], f"t_end <= .* or{', from rest,' * (rate != 0)} the integrator lie-midpoint"
@@ -247,39 +263,25 @@ def test_more_decays_than_round_off_allows_are_refused_with_what_works(monkeypat
     assert angles(crept)[-1] == pytest.approx(2 * np.arctan(np.tan(0.5) * np.exp(-10)), rel=1e-6, abs=0)
 
 
-@pytest.mark.parametrize(("c", "rate"), thinned(3, DAMPED, [0.1, -100.0]))
-def test_a_velocity_at_the_start_turns_the_body_and_is_gone(c, rate):
-    """By about W J/c; states between steps are within the tolerance as well, while it decays and later."""
+@pytest.mark.parametrize(
+    ("c", "rate", "tolerance"), [(1e2, 0.0, 1e-6), (1e8, 0.0, 1e-10), (1e2, 0.1, None), (1e8, -100.0, None)]
+)
+def test_states_between_steps_are_within_the_tolerance(c, rate, tolerance):
+    """While the velocity comes up or decays, in about J/c, and later; relative to the largest velocity.
+
+    One at the start turns the body by about W J/c and is gone.
+    """
     t, (angle, rates) = pendulum(c, rate)
-    run = nt.integrate(OIL, **how(c) | {"material_angular_velocity": (-rate, 0, 0)})
+    task = how(c) | {"material_angular_velocity": (-rate, 0, 0)}
+    run = nt.integrate(OIL, **task)
     assert angles(run)[-1] == pytest.approx(angle[-1], rel=1e-6, abs=0)
     assert -run.material_angular_velocity[-1, 0] == pytest.approx(rates[-1], rel=1e-6, abs=0)
     assert run.stretches.steps < 500
     assert len(run.time) < 400
-    within = nt.integrate(OIL, **how(c) | {"material_angular_velocity": (-rate, 0, 0)}, times=t)
-    assert abs(angles(within) - angle).max() <= 1e-8
-    assert abs(within.material_angular_velocity[:, 0] + rates).max() <= 1e-8 * abs(rate)
-
-
-def test_a_velocity_about_a_slanted_axis():
-    """All axes turn, and rates of 1e4 and 1e6 1/s decay: by SciPy in quaternions."""
-    c, inertia, start, W0 = 1e4, np.array([J, J, 0.01]), HANGING, np.array([3.0, -6.0, 8.0])
-    end = 10 * c / WEIGHT
-
-    def rates(_, y):
-        (x1, x2, x3, s), W = y[:4], y[4:]
-        moment = [-2 * WEIGHT * -(x2 * x3 + x1 * s), -2 * WEIGHT * (x1 * x3 - x2 * s), 0.0] - c * W
-        turn = [*(s * W + cross(y[:3], W)), -y[:3] @ W]
-        return np.append(np.array(turn) / 2, (moment + cross(inertia * W, W)) / inertia)
-
-    begin = np.append(start.as_quat(), W0)
-    found = solve_ivp(rates, (0, end), begin, method="LSODA", rtol=1e-11, atol=[1e-15] * 4 + [1e-15 / c] * 3).y[:, -1]
-    run = nt.integrate(OIL, **how(c), material_angular_velocity=W0)
-    tilts = [np.linalg.norm(Rotation.from_quat(q).apply([0, 0, 1])[:2]) for q in (run.quaternion[-1], found[:4])]
-    assert tilts[0] == pytest.approx(tilts[1], rel=1e-6, abs=0)
-    assert (Rotation.from_quat(found[:4]).inv() * Rotation.from_quat(run.quaternion[-1])).magnitude() < 1e-9
-    assert run.material_angular_velocity[-1] == pytest.approx(found[4:], rel=1e-6, abs=1e-12 * WEIGHT / c)
-    assert run.stretches.steps < 200
+    within = nt.integrate(OIL, **task, times=t, tolerance=tolerance)
+    near = tolerance or 1e-8
+    assert abs(angles(within) - angle).max() <= near
+    assert abs(within.material_angular_velocity[:, 0] + rates).max() <= near * abs(rates).max()
 
 
 @pytest.mark.parametrize("size", [0.1, 100.0])

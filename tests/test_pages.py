@@ -138,6 +138,7 @@ def test_commands_and_their_options_exist():
             assert rest == [], line
 
 
+@pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize("name", RUN)
 def test_commands_run(name, place):
     for line in typed(name):

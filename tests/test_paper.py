@@ -4,9 +4,11 @@ import csv
 import json
 import math
 import re
+from unittest.mock import patch
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 from conftest import LOW_CONTRAST, ended
 from nontwist import open_run, reproduce
@@ -21,9 +23,21 @@ NOTES = {  # Q_II at t = 1 ... 5 when every step is solved to round-off
 
 @pytest.fixture(scope="module")
 def reproductions(tmp_path_factory):
-    """The first case with all figures, and the others with one each."""
+    """The first case with all figures, and the others with one each; files for print are empty."""
     whole, quick = (tmp_path_factory.mktemp(name) for name in ("whole", "quick"))
-    return reproduce(whole, [1]), reproduce(quick, [2, 3], quick=True)
+    with drawing("png"):
+        return reproduce(whole, [1]), reproduce(quick, [2, 3], quick=True)
+
+
+def drawing(*formats):
+    """Let figures be drawn in these formats alone; test_plot looks at files of others."""
+
+    def savefig(figure, place, format, **how):
+        if format in formats:
+            sound(figure, place, format=format, **how)
+
+    sound = Figure.savefig
+    return patch.object(Figure, "savefig", savefig)
 
 
 def test_every_printed_digit_of_the_invariants_and_the_second_quotients(reproductions):
@@ -96,6 +110,7 @@ def test_the_page_shows_every_table_and_figure_in_the_order_of_the_paper(reprodu
     assert page.evaluate("[...document.images].filter((i) => !i.naturalWidth || !i.alt).length") == 0
 
 
+@drawing()
 def test_printed_loads_miss_the_tables_by_twenty(tmp_path):
     """In a quick reproduction of one case, by the command, whose exit status is then 1."""
     result = ended(1, "reproduce", "--case", "2", "--quick", "--printed-loads", "--out", tmp_path)

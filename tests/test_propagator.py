@@ -11,7 +11,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from conftest import turning
-from nontwist import Load, body_moment, integrate, moment, nontwisting, propagator, sine, standard
+from nontwist import Load, integrate, moment, nontwisting, propagator, sine, standard
 from nontwist.errors import SimulationError
 from refusals import refused_as, says
 from test_contract import require_same_run as same
@@ -55,14 +55,6 @@ def test_a_step_is_chosen_for_each_start():
     for start in starts:
         same(call(**start), integrate(body, **how, **start))
     assert call(**starts[1]).step < call(**starts[0]).step
-
-
-def test_a_table_is_not_written_out_for_every_scale():
-    t = np.linspace(0, 1, 11)
-    call = propagator(standard([3, 4, 5]), t_end=1, step=0.1, load=body_moment(t, np.outer(t, [1, 2, 3])))
-    (one,), (twice,) = call().load, call(load_scale=2).load
-    assert (one["scale"], twice["scale"]) == (1, 2)
-    assert one["values"] is twice["values"]
 
 
 def test_a_run_that_fails_says_why_and_the_next_is_sound():

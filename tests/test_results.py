@@ -2,6 +2,7 @@
 
 import json
 import re
+import shutil
 import zlib
 
 import h5netcdf
@@ -24,10 +25,15 @@ def run():
     return simulate(BODIES["suslov"](), **HOW, integrator="energy-momentum")
 
 
+@pytest.fixture(scope="module")
+def saved(run, tmp_path_factory):
+    save_run(run, place := tmp_path_factory.mktemp("saved") / "run.nc")
+    return place
+
+
 @pytest.fixture
-def path(run, tmp_path):
-    save_run(run, tmp_path / "run.nc")
-    return tmp_path / "run.nc"
+def path(saved, tmp_path):
+    return shutil.copy(saved, tmp_path / "run.nc")
 
 
 FORMS = {
@@ -35,15 +41,16 @@ FORMS = {
     "one state, no interval": lambda run: run.isel(time=[0], midtime=[]),
     "a moment": lambda run: run.isel(time=3),
     "thinned": lambda run: run.isel(time=slice(None, None, 2), midtime=slice(1, None, 3)),
-    "long attributes": lambda run: run.assign_attrs(run_file="é\n" * 10**5, empty="", numbers=np.arange(5.0), x=2.5),
-    "other types": lambda run: run.assign(
-        flag=("midtime", np.arange(30) % 2 == 0),
-        short=("midtime", np.arange(30, dtype=">f4")),
-        when=("midtime", np.datetime64("2026-01-01", "ns") + np.arange(30)),
-        count=7,
-    ),
-    "other coordinates": lambda run: run.assign_coords(
-        label=("time", [f"ψ{k}" for k in range(31)]), member=5, name="top", day=np.datetime64("2026-01-01", "ns")
+    "long attributes, other types and coordinates": lambda run: (
+        run.assign(
+            flag=("midtime", np.arange(30) % 2 == 0),
+            short=("midtime", np.arange(30, dtype=">f4")),
+            when=("midtime", np.datetime64("2026-01-01", "ns") + np.arange(30)),
+            count=7,
+            name="top",
+        )
+        .assign_coords(label=("time", [f"ψ{k}" for k in range(31)]), member=5, day=np.datetime64("2026-01-01", "ns"))
+        .assign_attrs(run_file="é\n" * 10**5, empty="", numbers=np.arange(5.0), x=2.5)
     ),
 }
 
@@ -57,16 +64,9 @@ def test_what_is_saved_is_read_back(run, tmp_path, form):
     with xarray.open_dataset(tmp_path / "run.nc", engine="h5netcdf") as other:
         xarray.testing.assert_identical(other.load(), one)
     assert str(found) == str(other)  # with the types of arrays
-
-
-def test_the_file_is_netcdf_4_for_other_readers(run, path):
-    with h5netcdf.File(path) as file:
-        assert file.dimensions["time"].size == 31
-        assert file["directors"].dimensions == ("time", "director", "axis")
-    with h5py.File(path) as file:
-        assert np.array_equal(file["directors"][...], run["directors"])
-        assert file["directors"].dims[0][0].name == "/time"
-        assert file["directors"].attrs["units"] == "1"
+    if "midtime" in one.dims:
+        with h5py.File(tmp_path / "run.nc") as file:
+            assert file["moment"].dims[0][0].name == "/midtime"
 
 
 def version(number):

@@ -97,6 +97,8 @@ def test_against_mpmath(name):
             pairs.append((exact(x), reference(exact(x))))
     got = getattr(rotations, name)(theta)
     assert_ulps(name, [ulps(g, want, size(x, want)) for g, (x, want) in zip(got, pairs, strict=True)], bound)
+    if name != "dexp_inverse":
+        assert_array_equal(getattr(rotations, name)(-theta), got.mT)
     small = name == "dexp_inverse"
     assert np.isfinite(getattr(rotations, name)((1e10 if small else 1e200) * np.array(axes()))).all()
 

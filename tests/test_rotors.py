@@ -2,13 +2,12 @@
 
 import json
 import re
-from functools import cache
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from nontwist import damping, heavy_top, integrate, open_run, rotation, rotor, save_run, simulate, standard, suslov
+from nontwist import heavy_top, open_run, rotation, rotor, save_run, simulate, standard
 from nontwist.analysis.invariants import drifts
 from nontwist.errors import RunFileError
 from nontwist.integrators import EnergyMomentum, LieMidpoint
@@ -33,26 +32,6 @@ def test_a_symmetric_body_precesses_steadily_while_its_wheel_spins_up(scheme, or
     assert abs(C * W3 + np.interp(run.time, times, h) - 8).max() < 1e-13
     exact = Rotation.from_rotvec(np.outer(run.time, run.total_momentum.values[0] / A)).apply(d3[0])
     assert abs(d3 - exact).max() < bound
-
-
-TABLED = rotor((1, 2, -0.5), [0.5, 1.0], [2.0, 5.0]) + rotor((0, 0, 1), 1.5) + damping(0.1)
-BODIES = {"standard": standard(J), "suslov": suslov(J, (0.3, 0.2, 1))}
-
-
-@cache
-def end_of(name, scheme, order=None, count=1):
-    body = BODIES[name]
-    W = W0 if body.axis is None else W0 - (W0 @ body.axis) * body.axis
-    how = {"t_end": 1.5, "step": 1.5 / count, "material_angular_velocity": W, "load": TABLED, "store": "end"}
-    return integrate(body, integrator=scheme, order=order, **how).directors[-1]
-
-
-@pytest.mark.parametrize(("scheme", "order"), [("gauss", 2), ("gauss", 4), ("lie-midpoint", 2), ("energy-momentum", 2)])
-@pytest.mark.parametrize("name", BODIES)
-def test_the_order_under_a_table_is_that_of_the_scheme(name, scheme, order):
-    exact, count = end_of(name, "continuous"), 96 if order == 2 else 48
-    coarse, fine = (abs(end_of(name, scheme, order, n) - exact).max() for n in (count, 2 * count))
-    assert np.log2(coarse / fine) == pytest.approx(order, abs=0.1)
 
 
 def test_newton_takes_rotors_where_fixed_points_do_not_contract():

@@ -525,7 +525,7 @@ def outcome(data):
 
 
 @pytest.mark.filterwarnings("ignore:the centre of mass is the fixed point")
-@pytest.mark.parametrize("count", [30, pytest.param(10_000, marks=pytest.mark.long)])
+@pytest.mark.parametrize("count", [20, pytest.param(10_000, marks=pytest.mark.long)])
 def test_generated_documents_end_in_a_run_or_a_clear_error(count):
     """Whether the runs are right, `test_generated_problems` asks."""
     ends = []

@@ -59,8 +59,9 @@ def serial(file, tmp_path):
     return open_store(tmp_path / "serial").verified().sha256
 
 
-def cluster_of(workers):
-    return LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address=":0", silence_logs=50)
+def cluster_of(workers, processes=True):
+    how = {"threads_per_worker": 1, "dashboard_address": ":0", "silence_logs": 50}
+    return LocalCluster(n_workers=workers, processes=processes, **how)
 
 
 @pytest.fixture
@@ -75,11 +76,15 @@ def is_whole(store, serial):
     return sum(1 for _ in Path(store).glob("blocks/*/*.json")) == BLOCKS
 
 
-def test_a_killed_worker_loses_no_block(file, tmp_path, serial, client):
-    client.register_plugin(Fault(3, once=str(tmp_path / "killed")))
+@pytest.mark.parametrize("is_killed", [False, pytest.param(True, marks=pytest.mark.long)])
+def test_a_killed_worker_loses_no_block(is_killed, file, tmp_path, serial):
+    """Nor one that lives, in a thread."""
     seen = []
-    sweep(file, tmp_path / "store", dask=client, block=BLOCK, progress=seen.append)
-    assert (tmp_path / "killed").exists()
+    with cluster_of(1, processes=is_killed) as cluster, Client(cluster) as client:
+        if is_killed:
+            client.register_plugin(Fault(3, once=str(tmp_path / "killed")))
+        sweep(file, tmp_path / "store", dask=client, block=BLOCK, progress=seen.append)
+    assert (tmp_path / "killed").exists() == is_killed
     assert (len(seen), seen[-1].done) == (BLOCKS, 46)
     assert is_whole(tmp_path / "store", serial)
 

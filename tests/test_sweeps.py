@@ -215,7 +215,7 @@ AGAIN = [
 ]
 
 
-@pytest.mark.parametrize("text", AGAIN)
+@pytest.mark.parametrize("text", [*AGAIN[:5], *(pytest.param(text, marks=pytest.mark.long) for text in AGAIN[5:])])
 def test_a_member_runs_again_to_the_same_bits(text, write, tmp_path):
     """Whether its attitude is fixed or swept."""
     store = tmp_path / "store"
@@ -527,7 +527,7 @@ PROPOSED = {
 }
 
 
-@pytest.mark.usefixtures("here")
+@pytest.mark.usefixtures("here", "undrawn")
 def test_the_figure_that_is_proposed_says_something(write):
     for name, variables in PROPOSED.items():
         text = HELD.replace("[sweep]", f"[sweep]\nvariables = {json.dumps(variables)}")
@@ -542,7 +542,7 @@ def test_the_figure_that_is_proposed_says_something(write):
     assert {key: draw(f"{name}.zarr", ["body.axis.0"], key).get_ylabel() for key in labels} == labels
 
 
-@pytest.mark.usefixtures("here")
+@pytest.mark.usefixtures("here", "undrawn")
 def test_what_is_proposed_varies_and_bars_mark_a_length(write):
     over = {"body.inertia": [np.diag([3, 4, J]) for J in (5, 6)], "start.angular_velocity.body": [[0, 0, 1], [0, 0, 2]]}
     path = write(FREE + '[[load]]\nkind = "wheel"\naxis = "z"\ninertia = 0.1\nspeed = -100\n')

@@ -12,7 +12,6 @@ from nontwist import (
     Load,
     body_moment,
     damping,
-    exact,
     heavy_top,
     integrate,
     moment,
@@ -27,7 +26,7 @@ from nontwist import (
     suslov,
 )
 from nontwist.errors import SimulationError, SimulationInterrupt, Status
-from nontwist.integrators import INTEGRATORS, Continuous, Split, stack_march
+from nontwist.integrators import INTEGRATORS, Continuous, stack_march
 from nontwist.validation.compiled_steps import ReferenceEnergyMomentum
 from refusals import refused_as, says
 
@@ -114,16 +113,6 @@ def test_no_output_crosses_a_kink():
     fine = integrate(nontwisting([3, 4, 5]), times=x, load=load, integrator=Continuous(), angular_velocity=w)
     assert run.directors == pytest.approx(fine.directors, abs=1e-10)
     assert run.load_work == pytest.approx(fine.load_work, abs=1e-9)
-
-
-def test_free_motion_after_the_load_is_reached_in_one():
-    how = {"load": pulse((3, 2, 1), end=1), "integrator": Split(order=4), "step": 0.1, "material_angular_velocity": W0}
-    nodes = integrate(standard([3, 4, 5]), t_end=1000, **how)
-    run = integrate(standard([3, 4, 5]), times=[*nodes.time[5:31], 3.01, 700.03, 1000], **how)
-    assert np.array_equal(run.material_angular_velocity[:26], nodes.material_angular_velocity[5:31])
-    W = nodes.material_angular_velocity[10]
-    truth, _ = exact.free_standard([3, 4, 5], W, [2.01, 699.03, 999], nodes.rotation[10].as_matrix())
-    assert run.rotation[-3:].as_matrix() == pytest.approx(truth, abs=1e-11)
 
 
 @pytest.mark.parametrize("name", ["lie-midpoint", "split", "exact", "continuous"])

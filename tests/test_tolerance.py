@@ -1,4 +1,4 @@
-"""Runs to a tolerance: the error that comes out, against solutions in extended precision, and what is refused."""
+"""Runs to a tolerance: the error that comes out, against solutions by SciPy, and what is refused."""
 
 import re
 import warnings
@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from scipy.special import ellipj, ellipk
 
 import nontwist as nt
-from conftest import compiled_load
+from conftest import compiled_load, or_long
 from nontwist.driver import completion, tolerance
 from nontwist.driver.starts import Starts
 from nontwist.errors import SimulationError
@@ -58,19 +58,12 @@ def test_a_run_that_fails_at_any_step_says_how(monkeypatch):
 
 
 @pytest.mark.filterwarnings("ignore:a table of the load ends at")
-def test_4_problems_are_solved_within_their_tolerance():
-    found = ratios(range(4))
-    assert len(found) > 2
-    assert max(found.values()) <= 1
-
-
-@pytest.mark.long
-@pytest.mark.filterwarnings("ignore:a table of the load ends at")
-def test_2000_problems_are_solved_within_their_tolerance():
-    found = np.array(list(ratios(range(2000)).values()))
-    print(f"{len(found)} problems, {np.mean(found <= 1):.2%} within the tolerance, the worst {found.max():.2g} of it")
-    assert np.mean(found <= 1) >= 0.99
-    assert found.max() <= 10
+@pytest.mark.parametrize(("count", "share", "worst"), or_long([(4, 1, 1)], [(2000, 0.99, 10)]))
+def test_generated_problems_are_solved_within_their_tolerance(count, share, worst):
+    found = np.array(list(ratios(range(count)).values()))
+    assert len(found) > count / 2
+    assert np.mean(found <= 1) >= share
+    assert found.max() <= worst
 
 
 def test_the_choice_is_recorded_and_the_order_may_be_fixed():
@@ -118,9 +111,9 @@ def test_the_worst_member_decides():
         assert np.array_equal(many.quaternion[member], one.quaternion)
     for i, velocity in enumerate((slow, fast)):
         start = {"material_angular_velocity": np.array(velocity, float), "rotation": np.eye(3)}
-        R, _, _ = truth(Task(BODY, LOAD, start, 2.0, 1e-9, 1), [2.0])
+        known = truth(Task(BODY, LOAD, start, 2.0, 1e-9, 1), [2.0])
         last = many.isel(member=i, time=-1).quaternion.values
-        assert abs(Rotation.from_quat(last).as_matrix() - R[0].astype(float)).max() <= 1e-9
+        assert abs(Rotation.from_quat(last).as_matrix() - known.directors[0].T).max() <= 1e-9
 
 
 WRONG = [{"step": 0.1, "tolerance": 1e-6}, {"tolerance": 0.2}, {"tolerance": -1}]
@@ -203,7 +196,7 @@ def test_a_jump_that_no_stage_sees_is_refused():
         return np.where(d[2] @ w < 0.1, 0.5, 0.0) * d[2]
 
     body, load = nt.standard([40, 50, 60]), nt.moment(law, compiled=True)
-    for speed in (0.0468, 0.0734268198709379, 0.08005390509141001, 0.05348700271797271, 0.0801246916804313):
+    for speed in (0.0468, 0.0734268198709379, 0.0801246916804313):
         with pytest.raises(SimulationError) as told:
             nt.simulate(body, t_end=40, load=load, material_angular_velocity=(0, 0, speed))
         assert told.value.status == Status.JUMP

@@ -254,17 +254,9 @@ def fuzz(rows, times):
         assert np.isfinite(result[name]).all() or (name == "noise_estimate" and result.time.size < 12), name
 
 
-@settings(max_examples=40, deadline=None, derandomize=True)
-@given(ROWS, TIMES)
-def test_fuzzed_recordings(rows, times):
-    fuzz(rows, times)
-
-
-@pytest.mark.long
-@settings(max_examples=10_000, deadline=None, derandomize=True)
-@given(ROWS, TIMES)
-def test_ten_thousand_fuzzed_recordings(rows, times):
-    fuzz(rows, times)
+@pytest.mark.parametrize("count", [40, pytest.param(10_000, marks=pytest.mark.long)])
+def test_fuzzed_recordings(count):
+    settings(max_examples=count, deadline=None, derandomize=True)(given(ROWS, TIMES)(fuzz))()
 
 
 TINY = [0.0, *(10.0**-k for k in (3, 90, 104, 107, 109, 158, 320))]

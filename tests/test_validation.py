@@ -32,9 +32,10 @@ def rows(page):
 
 
 CHECKS = {f"{group}-{check.__name__}": check for group in GROUPS for check in module_of(group).CHECKS[group]}
+# Of those that take longer, the first checks.
 FIRST = {"orders-orders": 1, "invariants-million_steps": 1, "nonreversible-against_dop853": 6}
 FIRST |= {"nonreversible-long_runs": 3, "compiled-parity": 2, "free-fitted": 1, "loaded-friction": 1}
-FIRST |= {"loaded-integrators": 2, "loaded-multipliers": 4}  # of those that take longer, the first checks
+FIRST |= {"loaded-integrators": 2, "loaded-multipliers": 4, "paper-tables": 4}
 MINUTES = {f"invariants-{name}" for name in ("random_bodies", "exchange", "forced")}
 MINUTES |= {"loaded-oil", "tops-benchmark", "tops-pendulum", "frames-long_paths"}
 

@@ -243,6 +243,7 @@ ROUNDS, SETTLED = 4, 0.02
 HOPELESS = 0.05  # of the speed, and rad: residuals that no motion of the model leaves
 MOST_ENDS = 4  # starts from which the whole is fitted, where something acts
 UNLIKELY = 5.0  # standard deviations, of errors of the gyroscope before anything is known
+UNTRUSTED = 20.0  # times the noise of samples: residuals that no more trials mend
 GOOD = 2.0  # mean square of the residuals over the noise: no other start is tried then
 INSIDE = 0.01  # of tr J: second moments of a first inertia beside m c cᵀ at least
 
@@ -298,10 +299,19 @@ def guesses(stretches: Sequence[Stretch], model: Model) -> list[Guess]:
     return found
 
 
-def estimate(
-    problem: Shooting, known_noise: bool = False, starts: Sequence[Guess] | None = None, calls: int = PATIENT
-) -> Solution:
+def estimate(problem: Shooting, known_noise: bool = False, calls: int = PATIENT) -> Solution:
     """Return the best solution of a problem from several starts, with the noise that its residuals have.
+
+    Raises
+    ------
+    RunawayError
+        No start leads to a motion.
+    """
+    return whole_of(in_lanes(problem), known_noise, calls)
+
+
+def in_lanes(problem: Shooting, starts: Sequence[Guess] | None = None) -> list[Solution]:
+    """Return rough solutions in short lanes from several starts, up to one that explains the recordings.
 
     Raises
     ------
@@ -312,7 +322,7 @@ def estimate(
     lanes, begin = short(model, stretches), gyroscope.mean[gyroscope.free]
     seen = [replace(one, rates=gyroscope.undone(one.rates)) for one in stretches]
     speeds = np.concatenate([np.zeros(0), *(one.speed.values for one in stretches if one.speed is not None)])
-    tried, stage = list[Solution](), min(calls, CALLS)
+    tried = list[Solution]()
     for one in guesses(seen, model) if starts is None else starts:
         J = one.model.nearest(one.inertia, one.more, INSIDE)
         at = Unknowns(J, one.more, begin, begun(seen, lanes, one), speeds)
@@ -324,9 +334,15 @@ def estimate(
             break
     if not tried:
         raise RunawayError("no start leads to a motion")
+    return tried
+
+
+def whole_of(tried: Sequence[Solution], known_noise: bool, calls: int) -> Solution:
+    """Return the best solution without lanes that rough ones in lanes lead to."""
+    model, lanes, stage = tried[0].problem.model, len(tried[0].problem.lanes), min(calls, CALLS)
     ends: list[Solution] = []
     for first in sorted(tried, key=lambda one: one.cost)[: 1 if model.is_free else MOST_ENDS]:
-        ends.append(_joined(first, len(lanes), stage))
+        ends.append(_joined(first, lanes, stage))
         if explains(first) and not explains(ends[-1]):
             ends.append(_joined(first, 2, stage))
         if explains(ends[-1]):
@@ -386,6 +402,7 @@ def is_hopeless(found: Solution) -> bool:
 
 def _with_its_noise(found: Solution, calls: int) -> Solution:
     """Return a solution whose noise is that of its residuals."""
+    sampled = found.problem.noise
     for _ in range(ROUNDS):
         spread, tilt = max(found.spread, 1e-12), max(found.tilt, 1e-12)
         change = max(abs(spread / found.problem.noise - 1), abs(tilt / max(found.problem.tilt, 1e-12) - 1))
@@ -393,7 +410,8 @@ def _with_its_noise(found: Solution, calls: int) -> Solution:
         found = solve(problem, found.unknowns, calls=min(calls, CALLS))
         if change < SETTLED or is_hopeless(found):
             break
-    return found if is_hopeless(found) else _settled(found, calls)
+    is_lost = is_hopeless(found) or found.spread > UNTRUSTED * sampled
+    return found if is_lost else _settled(found, calls)
 
 
 def _with_more_knots(found: Solution) -> tuple[Shooting, Unknowns] | None:

@@ -25,7 +25,6 @@ from .result import Fit, Part
 from .shooting import Loss, Shooting, Stretch, noise_of, noise_of_attitudes, require_turning, require_unsaturated
 from .solving import CALLS, PATIENT
 from .telling import beyond_the_wall
-from .telling import told as told_of
 
 KNOWN = 1e-12  # a prior that leaves nothing open; squares of the inverse of a smaller one may overflow
 OUTSIDE = 4.0  # standard errors beyond the flat bodies
@@ -242,10 +241,10 @@ class Task:
             seen = start, down, how, one.left_out, one.notes, spun, stretch.quaternions, attitude
             parts.append(Part(one.name, stretch.time, stretch.rates, explained[k], *seen))
         fit = Fit(tuple(parts), found, tuple(map(str, self.said)), self.sigma)
-        if (outside := beyond_the_wall(found, told_of(found, white=True))) > OUTSIDE:
+        if (outside := beyond_the_wall(found)) > OUTSIDE:
             raise NoMotionError(
                 f"no body has the inertia implied by {self.names}: {_beyond(model)} by {outside:.3g} standard "
-                "errors; is the unit right, is the interval free of hands and impacts?"
+                "errors; check the unit, and that the interval is free of hands and impacts"
             )
         return fit
 
@@ -312,7 +311,9 @@ class Task:
             except ValueError:
                 continue
             if fit.is_explained:
-                found, _ = fit.rotor_axis if other.pivot is model.pivot else fit.centre
+                found = np.zeros(0)
+                if other.physical:
+                    found, _ = fit.rotor_axis if other.pivot is model.pivot else fit.centre
                 return f"; it fits with {words.format(','.join(f'{x + 0.0:.4g}' for x in found.round(4)))}"
         return ""
 
@@ -354,6 +355,8 @@ def _others(model: Model) -> Iterator[tuple[Model, str]]:
     if pivot is not None and pivot.direction is not None:
         free = replace(model, pivot=replace(pivot, direction=None))
         yield free, "the centre of mass along {}, or opposite: mass and distance"
+    if model.physical and not model.is_absolute:
+        yield replace(model, physical=False), "moments that no distribution of mass has: --unphysical (physical=False)"
 
 
 def _beyond(model: Model) -> str:

@@ -27,7 +27,7 @@ from ..geometry.arrays import Array
 from ..recordings.reading import Rates
 from .bodies import TRACELESS, G, Model
 from .estimating import FEWEST as PART
-from .estimating import Guess, acting, allowed, balanced, estimate, turns, windowed
+from .estimating import Guess, acting, allowed, balanced, in_lanes, turns, whole_of, windowed
 from .measuring import READINGS, Gyroscope, speed_of
 from .motions import Motion, RunawayError, response
 from .shooting import Shooting, Stretch, haste_of, noise_of
@@ -43,6 +43,7 @@ FREE, NOISY = 0.02, 0.05  # of the speed: larger residuals are no motion of the 
 EXPLAINED = 2.0  # times the noise: residuals that it explains
 LIKELY = 0.05  # residual of the weak form: larger ones need no fit
 FEWEST, CALLS = 20, 20  # samples of a window; trials of a fit
+MORE = 2.0  # times the residuals that a window may leave: those of rough fits in lanes that need no other
 ROUNDER = 0.03  # weight of a sphere, where a window leaves J along a rotor open, and so the sign of its momentum
 FALL, SHORTEST = 0.3, 0.1  # g; s
 
@@ -70,7 +71,7 @@ class Search:
     model: Model
     gyroscope: Gyroscope
     is_brief: bool = False
-    tried: dict[tuple[int, int], Solution | None] = field(default_factory=dict, repr=False, compare=False)
+    tried: dict[tuple[int, int], list[Solution]] = field(default_factory=dict, repr=False, compare=False)
 
     def found(self) -> tuple[int, int, str]:
         """Return the samples of the longest motion, from `first` to before `last`, and how it was found.
@@ -147,7 +148,7 @@ class Search:
                 return every, "the whole recording is one motion"
         seeds = list(self.windows(self.seed))
         passes = (seeds, EXPLAINED), (seeds, np.inf), (self.windows(self.seed / 2), EXPLAINED)
-        for windows, explained in passes[: 2 if self.is_brief else 3]:
+        for windows, explained in passes[: 1 if self.is_brief else 3]:
             if (longest := self.longest(windows, explained)) is not None:
                 return longest, "the smallest residual"
         what, law = "free motion", "J W' = J W × W"
@@ -227,10 +228,9 @@ class Search:
         for _ in range(ROUNDS):
             speed = float(np.sqrt((self.rates[a:b] ** 2).sum(axis=1).mean()))
             noise = max(noise_of(self.rates[a:b]), FLOOR * speed)
-            if starts is None and (a, b) not in self.tried:
-                self.tried[a, b] = self.fitted(a, b, noise, None)
-            fit = self.tried[a, b] if starts is None else self.fitted(a, b, noise, starts)
-            if fit is None or fit.spread > min(max(FREE * speed, min(2 * noise, NOISY * speed)), explained * noise):
+            most = min(max(FREE * speed, min(2 * noise, NOISY * speed)), explained * noise)
+            fit = self.fitted(a, b, noise, starts, most)
+            if fit is None or fit.spread > most:
                 return found
             found, length = (a, b), b - a
             earlier = np.arange(a - 1, max(a - 1 - length, -1), -1)[: length * open_first]
@@ -243,11 +243,21 @@ class Search:
                 break
         return found
 
-    def fitted(self, a: int, b: int, noise: float, starts: list[Guess] | None) -> Solution | None:
-        """Return the fit of samples `a` to before `b`; None where no start leads to a motion."""
-        stretch = Stretch(self.time[a:b], self.rates[a:b], speed_of(self.recording, slice(a, b)))
+    def fitted(self, a: int, b: int, noise: float, starts: list[Guess] | None, most: float) -> Solution | None:
+        """Return the fit of samples `a` to before `b`; None where it leaves much more than `most`, or is no motion."""
+        tried = self.tried.get((a, b)) if starts is None else None
+        if tried is None:
+            stretch = Stretch(self.time[a:b], self.rates[a:b], speed_of(self.recording, slice(a, b)))
+            try:
+                tried = in_lanes(Shooting([stretch], self.gyroscope, noise, self.model), starts)
+            except RunawayError:
+                tried = []
+            if starts is None:
+                self.tried[a, b] = tried
+        if not tried or min(one.spread for one in tried) > MORE * most:
+            return None
         try:
-            return estimate(Shooting([stretch], self.gyroscope, noise, self.model), True, starts, CALLS)
+            return whole_of(tried, True, CALLS)
         except RunawayError:
             return None
 

@@ -43,7 +43,7 @@ import os
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -73,18 +73,19 @@ SHARED = ("time_column", "body", "time_unit", "rate")  # settings of columns tha
 BLOCK, PANEL = 6000, 8  # numbers, and columns, that BLAS leaves to one thread
 
 
-class Gyroscope(NamedTuple):
+@dataclass(frozen=True)
+class Gyroscope:
     """b, rad/s, s, θ, rad, e and τ, s, and their standard deviations before a recording; 0: given."""
 
     mean: Array
     deviation: Array
 
-    @property
+    @cached_property
     def free(self) -> NDArray[np.intp]:
         """The places of what is fitted."""
         return np.flatnonzero(self.deviation)
 
-    @property
+    @cached_property
     def errors(self) -> NDArray[np.intp]:
         """The places of what is fitted of θ, e and τ."""
         return self.free[self.free > SCALE]
@@ -256,13 +257,20 @@ class Speed:
         reduced = triangle(np.column_stack([self.at(self.time), self.readings]) / self.noise)
         return reduced[:, :-1], reduced[:, -1]
 
+    @cached_property
+    def slopes(self) -> Array:
+        """The rates of the pieces by the values at the knots."""
+        return np.diff(np.eye(len(self.knots)), axis=0) / np.diff(self.knots)[:, None]
+
     def line(self, first: float, last: float, values: Array) -> Line:
         """Return the speed from one time to another by the values at the knots."""
-        slopes = np.diff(np.eye(len(self.knots)), axis=0) / np.diff(self.knots)[:, None]
-        piece = int(np.clip(np.searchsorted(self.knots, first, "right") - 1, 0, len(slopes) - 1))
-        inner = piece + 1 + np.flatnonzero(self.knots[piece + 1 : -1] < last)
-        by, start = slopes[[piece, *inner]], self.at(np.array([first]))[0]
-        return Line(self.knots[inner] - first, by @ values, by, float(start @ values), start)
+        knots = self.knots
+        piece = min(max(int(knots.searchsorted(first, "right")) - 1, 0), len(knots) - 2)
+        end = max(int(knots[:-1].searchsorted(last)), piece + 1)
+        by, start = self.slopes[piece:end], np.zeros(len(knots))
+        along = min(max((first - knots[piece]) / (knots[piece + 1] - knots[piece]), 0.0), 1.0)
+        start[piece : piece + 2] = 1 - along, along
+        return Line(knots[piece + 1 : end] - first, by @ values, by, float(start @ values), start)
 
     def refined(self) -> Speed | None:
         """Return the same readings with twice as many intervals; None where there are enough."""

@@ -146,6 +146,18 @@ class Motion:
                 by[1, :, place] = self.sense * (np.eye(3) if model.damping == 3 else np.ones((3, 1)))
         return values, by
 
+    @cached_property
+    def run(self) -> View:
+        """What the kernel is called with, but for a start and times."""
+        run, (vectors, vectors_by) = view_of(Run), self.vectors
+        d, p = self.kind.size, 6 + len(self.more)
+        by = np.eye(d + 15, self.kind.directions)
+        by[d + 6 :] = 0.0
+        by[d + 6 :, d + 6 : d + p] = vectors_by.reshape(9, -1)
+        run.J, run.vectors = Symmetric(*entries(self.J)), Matrix(*vectors)
+        run.axis, run.by = Vector(*self.constraint), by
+        return run
+
     @property
     def constraint(self) -> Array:
         """The axis n; 0 without one."""
@@ -284,48 +296,45 @@ def response(motion: Motion, start: Array, times: Array, speed: Line | None = No
     RunawayError
         Numbers are not finite any more, or steps become too short.
     """
-    run = _prepared(motion)
+    order = np.argsort(times, kind="stable")
+    sorted_values, sorted_slopes = _sorted_response(motion, start, times[order], speed)
+    values, slopes = np.empty_like(sorted_values), np.empty(sorted_slopes.shape)
+    values[order], slopes[order] = sorted_values, sorted_slopes
+    return values, slopes
+
+
+def _sorted_response(motion: Motion, start: Array, times: Array, speed: Line | None) -> tuple[Array, Array]:
+    """Return the same for ascending times."""
     if speed is None:
-        return _piece(motion, run, start, times)
+        return _piece(motion, start, times)
     knots, d, m, p = speed.times, motion.kind.size, len(start), 6 + len(motion.more)
     values, found = np.empty((len(times), d)), np.empty((len(times), d, m + p + len(speed.start_by)))
     state, by = np.array([*start, speed.start, 0.0]), np.eye(d, found.shape[2])
     by[m:, m:], by[m, m + p :] = 0.0, speed.start_by
-    pieces = np.searchsorted(knots, times, "right")
+    ends = [0, *np.searchsorted(times, knots), len(times)]
     for k, (rate, rate_by) in enumerate(zip(speed.rates, speed.rates_by, strict=True)):
         state[-1], by[-1], by[-1, m + p :] = rate, 0.0, rate_by
-        there, begin = np.flatnonzero(pieces == k), knots[k - 1] if k else 0.0
-        x, D = _piece(motion, run, state, np.append(times[there], knots[k : k + 1]) - begin)
+        there, begin = slice(ends[k], ends[k + 1]), knots[k - 1] if k else 0.0
+        x, D = _piece(motion, state, np.concatenate([times[there], knots[k : k + 1]]) - begin)
         whole = D[:, :, :d] @ by
         whole[:, :, m : m + p] += D[:, :, d:]
-        values[there], found[there] = x[: len(there)], whole[: len(there)]
+        count = there.stop - there.start
+        values[there], found[there] = x[:count], whole[:count]
         if k < len(knots):
-            state, by = x[-1], whole[-1]
+            state, by = x[-1].copy(), whole[-1]
     return values, found
 
 
-def _prepared(motion: Motion) -> View:
-    """Return what the kernel is called with, but for a start and times."""
-    run, (vectors, vectors_by) = view_of(Run), motion.vectors
-    d, p = motion.kind.size, 6 + len(motion.more)
-    by = np.eye(d + 15, motion.kind.directions)
-    by[d + 6 :] = 0.0
-    by[d + 6 :, d + 6 : d + p] = vectors_by.reshape(9, -1)
-    run.J, run.vectors = Symmetric(*entries(motion.J)), Matrix(*vectors)
-    run.axis, run.by = Vector(*motion.constraint), by
-    return run
+def _piece(motion: Motion, start: Array, times: Array) -> tuple[Array, Array]:
+    """Return states while a rate of the speed lasts, and derivatives by the whole state at its start, J and `more`.
 
-
-def _piece(motion: Motion, run: View, start: Array, times: Array) -> tuple[Array, Array]:
-    """Return states while a rate of the speed lasts, and derivatives by the whole state at its start, J and `more`."""
-    kind, order = motion.kind, np.argsort(times, kind="stable")
-    d, many = kind.size, kind.size + 6 + len(motion.more)
-    sorted_times, out = np.ascontiguousarray(times[order]), np.empty((len(times), d, 1 + kind.directions))
-    run.start, run.times, run.out = start, sorted_times, out
+    Times ascend.
+    """
+    kind, run = motion.kind, motion.run
+    out = np.empty((len(times), kind.size, 1 + kind.directions))
+    run.start, run.times, run.out = start, times, out
     run.samples, run.most_steps = len(times), MOST_STEPS[0] + MOST_STEPS[1] * len(times)
     motion_kernel(kind)(run.address)
     if run.failed or not np.isfinite(out).all():
         raise RunawayError("the motion is not finite, or needs too many steps")
-    values, slopes = np.empty((len(times), d)), np.empty((len(times), d, many))
-    values[order], slopes[order] = out[:, :, 0], out[:, :, 1 : 1 + many]
-    return values, slopes
+    return out[:, :, 0], out[:, :, 1 : 1 + kind.size + 6 + len(motion.more)]

@@ -125,10 +125,10 @@ def rows(fit: Fit) -> dict[str, str]:
 
 def _error(fit: Fit, name: str) -> str:
     """Return an error of the gyroscope that is given or fitted; empty where there is none."""
-    place, (mean, deviation) = PLACES[name], fit.solution.problem.gyroscope
+    place, gyroscope = PLACES[name], fit.solution.problem.gyroscope
     value, intervals = getattr(fit, name)
-    if not deviation[place].any():
-        if np.array_equal(mean[place], IDEAL[place]):
+    if not gyroscope.deviation[place].any():
+        if np.array_equal(gyroscope.mean[place], IDEAL[place]):
             return ""
         return f"{', '.join(f'{x:.6g}' for x in np.atleast_1d(value))} {UNITS[name]}".rstrip() + ", as given"
     each = [

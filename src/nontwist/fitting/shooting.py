@@ -243,7 +243,7 @@ def residuals(problem: Shooting, at: Unknowns) -> Residuals:
     if model.wheel is not None and "factor" in model.places:
         place = every[6 : problem.ends[1]][model.places["factor"]]
         found.beside.append(Rows((x[place] - 1) / model.wheel.error, np.eye(1) / model.wheel.error, place))
-    mean, deviation = (one[gyroscope.free] for one in gyroscope)
+    mean, deviation = gyroscope.mean[gyroscope.free], gyroscope.deviation[gyroscope.free]
     found.beside.append(Rows((at.gyroscope - mean) / deviation, np.diag(1 / deviation), every[body:common]))
     return found
 

@@ -86,8 +86,9 @@ class Solution:
     @property
     def unlike(self) -> float:
         """The largest error of the gyroscope, over its standard deviation before anything is known."""
-        (mean, deviation), free = self.problem.gyroscope, self.problem.gyroscope.free
-        return float(abs((self.unknowns.gyroscope - mean[free]) / deviation[free]).max(initial=0.0))
+        gyroscope, free = self.problem.gyroscope, self.problem.gyroscope.free
+        off = (self.unknowns.gyroscope - gyroscope.mean[free]) / gyroscope.deviation[free]
+        return float(abs(off).max(initial=0.0))
 
     @cached_property
     def weighted(self) -> tuple[Array, Array]:

@@ -14,6 +14,7 @@ intervals are within those of the linear problem.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -110,7 +111,7 @@ def told(solution: Solution, white: bool = False) -> Told:
     if not (values[-1] * UNTOLD**2 > 1 and smallest > THIN):
         wide = quantile(solution, always=True)
         for k, w in enumerate(vectors.T):
-            if values[k] * UNTOLD**2 > 1 and _rise_along(solution, w) < wide:
+            if values[k] * UNTOLD**2 > 1 and any(rise < wide for rise in _rises_along(solution, w)):
                 values[k] = 0.0
     order = np.argsort(-values, kind="stable")
     return Told(values[order], vectors[:, order], solution.problem.model.idle)
@@ -121,10 +122,9 @@ def _rise(solution: Solution, found: Solution) -> float:
     return float(np.sqrt(max(2 * (found.cost - solution.cost), 0.0) / solution.inflation))
 
 
-def _rise_along(solution: Solution, w: Array) -> float:
-    """Return the rise of the cost where the inertia is moved along w, on the side that costs less."""
+def _rises_along(solution: Solution, w: Array) -> Iterator[float]:
+    """Yield the rise of the cost where the inertia is moved along w, to each side."""
     by, J, at = w * TWICE, solution.unknowns.inertia, solution.unknowns
-    rises = []
     for change in (-UNTOLD, UNTOLD):
         start = replace(at, inertia=solution.problem.model.nearest(J + change * symmetric(w), at.more))
         held = (lambda J: (float(by @ entries(J)), by)), float(by @ entries(J)) + change
@@ -134,8 +134,7 @@ def _rise_along(solution: Solution, w: Array) -> float:
             continue
         moved = found.unknowns.inertia - J
         if abs(by @ entries(moved) - change) < UNTOLD / 10 and abs(moved).max() < FAR:
-            rises.append(_rise(solution, found))
-    return min(rises, default=np.inf)
+            yield _rise(solution, found)
 
 
 def directions(solution: Solution, found: Told) -> list[Direction]:
@@ -225,18 +224,20 @@ def _product(a: Array, b: Array) -> Array:
     return np.asarray(entries(np.outer(a, b) + np.outer(b, a)) * TWICE / 2)
 
 
-def beyond_the_wall(solution: Solution, found: Told) -> float:
+def beyond_the_wall(solution: Solution) -> float:
     """Return by how many standard errors data without the wall would ask for a body flatter than flat.
 
     0 within the wall, and where a standard error is so large that the linear problem does not reach that far.
     """
-    if not found.information[-1] * LINEAR**2 > 1:
+    if not np.linalg.eigvalsh(solution.information)[0] * LINEAR**2 > 1:
         return 0.0
     model, more = solution.problem.model, solution.unknowns.more
     asked = solution.unknowns.inertia + symmetric(model.basis @ solution.newton)
     values, vectors = np.linalg.eigh(model.moments(asked) - model.centred(more))
+    if values[0] >= 0 or not (found := told(solution, white=True)).information[-1] * LINEAR**2 > 1:
+        return 0.0
     by = np.einsum("i,kij,j->k", vectors[:, 0], model.moments(BASIS), vectors[:, 0])
-    return max(-float(values[0]) / float(np.sqrt(by @ covariance(found) @ by)), 0.0)
+    return -float(values[0]) / float(np.sqrt(by @ covariance(found) @ by))
 
 
 def meets_the_wall(solution: Solution, by: Array, error: float, C: Array) -> bool:

@@ -171,8 +171,8 @@ def memory_load(
 ) -> Load:
     """Return a moment with memory: it depends on internal states z of its own, with equations of their own.
 
-    An actuator that lags, liquid in a tank, the hysteresis of a magnetic rod. `gauss`, which alone accepts such loads,
-    solves for z in the same step as for the body, to its order. A run has z as ``internal_state``.
+    An actuator that lags, liquid in a tank, the hysteresis of a magnetic rod. `gauss` solves for z in the same step as
+    for the body, to its order; so do `lie-midpoint` and `energy-momentum`. A run has z as ``internal_state``.
 
     Parameters
     ----------
@@ -408,9 +408,9 @@ def dry_friction(limit: float, axis: ArrayLike | None = None) -> Load:
     About an axis a the moment is ``-limit sign(a·W) Λa``; while a·W = 0 it is what keeps a·W at 0, as long as that is
     at most the limit: the body sticks. Without an axis it is ``-limit w/|w|``, and the whole body sticks: w = 0
     exactly. `gauss` and `lie-midpoint` split their steps where the rate vanishes; other integrators refuse it, and
-    beside wheels and loads with memory it needs `gauss`, beside `coulomb` of a wheel an axis as well. A run has the
-    variables `sticking` and `dissipated_energy`. Where friction about several axes, or about one beside a constrained
-    axis, leaves the body a single axis to turn about, it turns about this one.
+    beside `coulomb` of a wheel it needs an axis. A run has the variables `sticking` and `dissipated_energy`. Where
+    friction about several axes, or about one beside a constrained axis, leaves the body a single axis to turn about, it
+    turns about this one.
 
     Parameters
     ----------
@@ -494,7 +494,7 @@ def wheel(
     ValueError
         The axis has length 0, `inertia` is not positive, times do not increase, friction adds energy, or a number is
         not finite; of a run: ``J - Σ inertia n nᵀ``, what carries the wheels, is not positive definite; or the
-        integrator is not `gauss`, which alone solves for wheels with friction or a torque that is a function.
+        integrator does not solve for friction or a torque that is a function, as `split` and `exact` do not.
 
     See Also
     --------

@@ -1,6 +1,7 @@
 """Public names stay what they are, whatever is imported, in any order."""
 
 import ast
+import pickle
 import pkgutil
 import random
 import subprocess
@@ -11,6 +12,7 @@ from types import ModuleType
 import pytest
 
 import nontwist
+from nontwist.geometry.values import hinted
 
 NAMESPACES = {name for name in nontwist.__all__ if isinstance(getattr(nontwist, name), ModuleType)}
 
@@ -55,3 +57,79 @@ def test_names_are_listed_for_completion_and_others_are_attribute_errors():
     assert nontwist.__version__
     with pytest.raises(AttributeError, match="module 'nontwist' has no attribute 'simulat'"):
         nontwist.simulat  # noqa: B018
+
+
+@pytest.mark.parametrize("name", sorted(NAMESPACES))
+def test_public_modules_list_their_public_names(name):
+    """None of what they import; of modules without `__all__` what they define."""
+    module = getattr(nontwist, name)
+    assert sorted(dir(module)) == sorted(getattr(module, "__all__", dir(module)))
+    for public in dir(module):
+        assert not isinstance(getattr(module, public), ModuleType)
+    assert not {"np", "annotations", "Any", "__doc__"} & set(dir(module))
+
+
+@pytest.mark.parametrize(
+    ("module", "name", "hint"),
+    [
+        (nontwist.plot, "twist", "did you mean twist_angle? it has directors, energy"),
+        (nontwist.plot, "animate", "it has directors, energy"),
+        (nontwist.inertia, "of_rod", "did you mean of_cylinder? it has MassProperties"),
+        (nontwist.rotations, "rotvec", "it has cayley, cayley_inverse"),
+    ],
+)
+def test_an_attribute_that_a_public_module_lacks_is_guessed(module, name, hint):
+    assert not hasattr(module, "__wrapped__")
+    with pytest.raises(AttributeError) as told:
+        getattr(module, name)
+    assert str(told.value).startswith(f"module {module.__name__!r} has no attribute {name!r}; {hint}")
+
+
+BODY = nontwist.standard([3, 4, 5])
+LOOP = nontwist.stepper(BODY, 0.1)
+
+
+@pytest.mark.parametrize(
+    ("call", "told"),
+    [
+        (lambda: nontwist.standard(J=[3, 4, 5]), "an unexpected keyword argument 'J'; did you mean inertia=?"),
+        (
+            lambda: nontwist.standard(2, 8, 9),
+            "argument but 3 were given; it takes inertia, physical",
+        ),
+        (lambda: nontwist.stepper(BODY, dt=0.1), "'dt'; did you mean step=?"),
+        (
+            lambda: LOOP.step(moment=(1, 0, 0)),
+            "keyword argument 'moment'; did you mean body_moment= or ",
+        ),
+        (lambda: LOOP.reset(W=(1, 0, 0)), "'W'; did you mean material_angular_velocity=?"),
+        (lambda: LOOP.reset(t_start=1), "'t_start'; did you mean time=?"),
+        (lambda: LOOP.reset(LOOP.state), "2 were given; it takes rotation, scalar_first, "),
+        (lambda: nontwist.heavy_top([2, 2, 1], 1, (0, 0, 1), g=9.81), "'g'; did you mean gravity=?"),
+        (lambda: nontwist.wheel("z", 0.1, rpm=100), "'rpm'; did you mean speed=?"),
+        (lambda: nontwist.twist(None, rate=9), "'rate'; did you mean time=?"),
+        (lambda: nontwist.view(None, speed=2), "'speed'; it takes run, other, title, labels"),
+        (lambda: nontwist.steer(None, None, t_end=2), "'t_end'; it takes start, target, scalar_first"),
+        (
+            lambda: nontwist.read_motion("a", degrees=True),
+            "read_motion() got an unexpected keyword ",
+        ),
+        (lambda: nontwist.inertia.of_cylinder(1, 1, height=1), "'height'; did you mean length=?"),
+    ],
+)
+def test_a_call_with_other_arguments_is_told_what_is_meant(call, told):
+    with pytest.raises(TypeError) as error:
+        call()
+    assert told in str(error.value)
+    assert error.value.__suppress_context__
+
+
+def test_a_type_error_inside_a_function_is_its_own():
+    def fails(x):
+        return x + ""
+
+    with pytest.raises(TypeError, match=r"^unsupported operand"):
+        hinted(fails)(1)
+    assert pickle.loads(pickle.dumps(nontwist.standard)) is nontwist.standard
+    with pytest.raises(ValueError, match=r"^gravity must be a vector in space, as \(0, 0, -9\.81\), got 9\.81$"):
+        nontwist.heavy_top([2, 2, 1], 1, (0, 0, 1), gravity=9.81)

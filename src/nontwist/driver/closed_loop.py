@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..geometry.arrays import Array, as_array, as_floats, as_number, as_positive, vector
-from ..geometry.values import short_repr
+from ..geometry.values import hinted, short_repr
 from ..integrators import INTEGRATORS, IVP, Integrator, SimulationError, Status
 from ..integrators.base import Failure
 from ..integrators.compiled import Compiled
@@ -101,6 +101,7 @@ NONE = ()
 ASIDE = (*STARTS, "t_start", "t_end", "tolerance", "times", "store")  # of a problem: times and output
 
 
+@hinted
 def stepper(
     system: DirectorSystem | Problem,
     step: float | None = None,
@@ -314,6 +315,7 @@ class Stepper:
         self._steps_now = False
         self.reset()
 
+    @hinted
     def reset(
         self,
         *,
@@ -371,6 +373,7 @@ class Stepper:
         self._state = self._made(numbers, t, 0, tuple((*own.tolist(), 0.0, 0.0)[:3] for own in wheels))
         return self._state
 
+    @hinted
     def step(
         self, body_moment: ArrayLike = ZERO, space_moment: ArrayLike = ZERO, wheel_torque: ArrayLike = NONE
     ) -> StepperState:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypedDict, TypeVar, Unpack
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..geometry.values import meant
+from ..geometry.values import unknown_keyword
 from ..integrators import DEFAULT, Integrator
 from ..loads import Load, Term, as_load
 from ..models.stack import SystemStack, stacked
@@ -152,11 +152,7 @@ def refuse_unknown(function: str, keywords: Mapping[str, Any], group: type) -> N
     """Raise a TypeError where a group has no such keyword."""
     known = group.__annotations__
     for name in keywords.keys() - known.keys():
-        from difflib import get_close_matches
-
-        near = meant(name, known) or get_close_matches(name, known, 1, 0.65)
-        hint = f"did you mean {' or '.join(f'{one}=' for one in near)}?" if near else f"it takes {', '.join(known)}"
-        raise TypeError(f"{function}() got an unexpected keyword argument {name!r}; {hint}")
+        raise unknown_keyword(function, name, known)
 
 
 class Problem:

@@ -34,6 +34,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..geometry.arrays import Array, as_floats
+from ..geometry.values import hinted
 from .starts import one_attitude
 
 if TYPE_CHECKING:
@@ -129,6 +130,7 @@ class Steering:
         return self.length * (np.cos(angle)[..., None] * p + np.sin(angle)[..., None] * across)
 
 
+@hinted
 def steer(start: Any, target: Any, *, scalar_first: bool | None = None) -> Steering:
     """Return the shortest motion without twist from one attitude to another.
 

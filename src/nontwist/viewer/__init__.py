@@ -18,7 +18,7 @@ from pathlib import Path
 from string import Template
 from typing import TYPE_CHECKING, Any
 
-from ..geometry.values import short_repr
+from ..geometry.values import hinted, short_repr
 from ..io.whole import written
 from .content import as_script, contents
 from .drawing import Motion, camera_of
@@ -92,6 +92,7 @@ class View:
         return f'<iframe title="{title}" style="{style}" sandbox="allow-scripts" srcdoc="{document}"></iframe>'
 
 
+@hinted
 def view(
     run: xarray.Dataset | Trajectory | Any,
     other: xarray.Dataset | Trajectory | Any = None,

@@ -373,7 +373,6 @@ class Stepper:
         self._state = self._made(numbers, t, 0, tuple((*own.tolist(), 0.0, 0.0)[:3] for own in wheels))
         return self._state
 
-    @hinted
     def step(
         self, body_moment: ArrayLike = ZERO, space_moment: ArrayLike = ZERO, wheel_torque: ArrayLike = NONE
     ) -> StepperState:

@@ -3,6 +3,7 @@
 import difflib
 import os
 import re
+from time import sleep
 
 import numpy as np
 import pytest
@@ -117,6 +118,15 @@ def test_the_cost_counts_substeps_nodes_and_pieces():
     rubbed = [nt.Problem(FREE, t_end=9, step=0.05, load=sum(many)).forecast().seconds for many in RUBBED]
     assert rubbed[1] > 10 * rubbed[0]
     assert rubbed[2] > 2 * rubbed[1]
+
+
+def test_forecasts_count_the_calls_of_functions_in_python():
+    def slow(t, directors, w):
+        sleep(1e-3)
+        return -0.1 * w
+
+    at = nt.Problem(STANDARD, load=nt.moment(slow), t_end=100, material_angular_velocity=(0.1, 2, 0)).forecast()
+    assert at.seconds > 0.1 * at.steps  # four stages or more, each called often
 
 
 def test_members_side_by_side_take_less_than_one_after_the_other():

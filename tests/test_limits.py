@@ -13,15 +13,9 @@ from nontwist.runfile import files
 
 ROOT = Path(__file__).parent.parent
 BEGIN = """
-[body]
-kind = "standard"
-inertia = [3, 4, 5]
-[start.angular_velocity]
-body = [0, 0, 1]
-[time]
-t_end = {}
-step = {}
-store = "end"
+body = {{ kind = "standard", inertia = [3, 4, 5] }}
+start.angular_velocity.body = [0, 0, 1]
+time = {{ t_end = {}, step = {}, store = "end" }}
 """
 PULSE = "[[load]]\nkind = 'pulse'\nframe = 'body'\namplitude = [{}, 0, 0]\nend = 1\n"
 EVENT = "[[event]]\nkind = 'spin-below'\nvalue = 0.1\nname = 'e{}'\n"

@@ -72,6 +72,15 @@ def test_sums_and_multiples():
     assert [term["scale"] for term in load.description] == [2, -0.5, -1]
 
 
+def test_damping_in_body_components():
+    q = np.array([[0, 1, 0], [-1, 0, 0], [0, 0, 1.0]])
+    w = np.array([1.0, 2, 3])
+    expected = -(q.T @ np.diag([1, 2, 3]) @ q) @ w
+    assert nt.damping([1, 2, 3]).state_moment(0, q, w) == pytest.approx(expected)
+    assert nt.damping(np.diag([1, 2, 3])).state_moment(0, q, w) == pytest.approx(expected)
+    assert nt.damping(0.5).state_moment(0, q, w) == pytest.approx(-0.5 * w)
+
+
 def careless(t, directors, w):
     w[:] = directors[:] = 0
     return w
@@ -193,18 +202,10 @@ def magnet(monkeypatch):
 
 
 FILE = """
-[body]
-kind = "standard"
-inertia = [3, 4, 5]
-[start]
-angular_velocity = { body = [0.5, 0, 2] }
-[[load]]
-kind = "magnet"
-dipole = [0.3, 0.0, 1.2]
-field = [0, 1, -2]
-[time]
-t_end = 0.2
-step = 0.1
+body = { kind = "standard", inertia = [3, 4, 5] }
+start.angular_velocity.body = [0.5, 0, 2]
+load = [{ kind = "magnet", dipole = [0.3, 0.0, 1.2], field = [0, 1, -2] }]
+time = { t_end = 0.2, step = 0.1 }
 """
 OVER = '[sweep]\nover = [{ key = "load.0.dipole.1", kind = "list", values = [0, 1, 2] }]\n'
 

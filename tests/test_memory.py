@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 from typing import Annotated
 
 import numpy as np
@@ -49,6 +50,7 @@ def load(derivative=lags, compiled=True):
     return memory_load(derivative, torque, Z0, frame="body", compiled=compiled)
 
 
+@cache
 def reference(t_end):
     """Return directors, W and z by DOP853."""
 

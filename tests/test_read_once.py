@@ -11,18 +11,10 @@ from nontwist.runfile.body import Body
 from nontwist.runfile.tables import Time
 
 RUN = """
-[body]
-kind = "standard"
-inertia = { mesh = { file = "box.obj", mass = 6 } }
-[start]
-angular_velocity = { body = [1, 2, 3] }
-[[load]]
-kind = "csv"
-frame = "body"
-file = "load.csv"
-[time]
-t_end = 1
-step = 0.01
+body = { kind = "standard", inertia = { mesh = { file = "box.obj", mass = 6 } } }
+start.angular_velocity.body = [1, 2, 3]
+load = [{ kind = "csv", frame = "body", file = "load.csv" }]
+time = { t_end = 1, step = 0.01 }
 """
 
 

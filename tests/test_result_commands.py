@@ -218,7 +218,7 @@ def test_a_sealed_file_without_times_is_refused(files, tmp_path):
     assert "0 s to 1 s, 2 stored states" in ended(0, "info", path).stdout
 
 
-@pytest.mark.long  # in the quick suite: test_run_command.py::test_a_closed_pipe_is_no_error
+@pytest.mark.long  # in the quick suite: test_run_command.py, a closed pipe
 @pytest.mark.skipif(os.name != "posix", reason="a shell with head")
 def test_a_reader_that_stops_is_no_error(files):
     assert len(nontwist("export", files / "free.nc").stdout) > 76_000  # more than a pipe and head take

@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from conftest import BODIES, PAPER_J, random_inertia
-from nontwist import nontwisting, split_form, standard
+from nontwist import nontwisting, sphere, split_form, standard
 from nontwist.models.equations import split_rates as rates_of_one_state
 from nontwist.split_form import split_inertia
 from refusals import refused_as
@@ -63,9 +63,33 @@ def test_parts_of_the_energy_and_momentum_are_those_of_the_paper(make):
 
 
 @pytest.mark.parametrize("name", BODIES)
-def test_leading_axes_broadcast_and_may_be_empty(name):
-    """Rates are those of one state, which are right: nontwist.validation, equations."""
+def test_rates_are_those_of_euler(name):
+    """J W' = J W × W + M - μ n with n·W' = 0, solved as one linear system, against the split form.
+
+    With the sign that the paper prints, ``π_∥' + π_⊥·d3' = 0``, a free body would not keep its momentum (erratum 3).
+    """
     body = BODIES[name]()
+    q, w, pi, m, d = states(body)
+    q_dot, perp_dot, par_dot, mu = split_form.rates(body, q, *split_form.momentum(body, q, pi), m)
+    d_dot = np.cross(w, d)
+    close(q_dot, np.cross(w[:, None], q))
+    for k, moment in enumerate(m + np.cross(q, body.dead_force).sum(1)):
+        W, J = q[k] @ w[k], body.inertia
+        n = np.zeros(3) if body.axis is None else body.axis
+        matrix = np.block([[J, n[:, None]], [n[None], np.array([[float(body.axis is None)]])]])
+        *W_dot, multiplier = np.linalg.solve(matrix, [*(np.cross(J @ W, W) + q[k] @ moment), 0])
+        pi_dot = (J @ W_dot - np.cross(J @ W, W)) @ q[k]
+        assert mu[k] == pytest.approx(multiplier, abs=1e-12)
+        perp, par = split_form.momentum(body, q[k], pi[k])
+        close(perp_dot[k] + par_dot[k] * d[k] + par * d_dot[k], pi_dot, 1e-12)
+        # the printed equations, the sign corrected: the tangent part, then the part along d
+        close(sphere.project(d[k], perp_dot[k]) + par * d_dot[k], sphere.project(d[k], moment), 1e-12)
+        assert par_dot[k] - perp @ d_dot[k] + mu[k] == pytest.approx(moment @ d[k], abs=1e-12)
+        assert abs(par_dot[k] + perp @ d_dot[k] + mu[k] - moment @ d[k]) > 1e-3
+
+
+def test_leading_axes_broadcast_and_may_be_empty():
+    body = BODIES["heavy_top"]()
     q, _, pi, m, _ = states(body, 6)
     perp, par = split_form.momentum(body, q, pi)
     stacked = split_form.rates(body, q.reshape(2, 3, 3, 3), *(x.reshape(2, 3, *x.shape[1:]) for x in (perp, par, m)))

@@ -121,6 +121,16 @@ WRONG += [{"tolerance": 1e-6, "integrator": name} for name in ("exact", "continu
 test_what_is_refused = refused_as([lambda how=how: nt.integrate(BODY, t_end=1, **GAUSS | how, **W) for how in WRONG])
 
 
+test_long_runs_name_the_outputs_that_are_possible = refused_as(
+    {
+        "figures": lambda: nt.simulate(nt.standard([1, 1, 2]), t_end=1e6, material_angular_velocity=(0.1, 0, 1)),
+        "inertias": lambda: nt.simulate_ensemble(
+            [nt.standard([3, 4, 5]), nt.standard([3, 4, 6])], t_end=1, step=1, load=nt.gravity_gradient(1e-3)
+        ),
+    }
+)
+
+
 def test_a_tolerance_below_ten_floors_is_refused():
     """Two units of round-off in W move the attitude by 2 eps t |W| and more; far smaller ones take no longer."""
     how = GAUSS | W

@@ -141,7 +141,8 @@ def _run(run_file: RunFile, path: Path, target: Path, write: Any, figures: Seque
     numbers = {"file": str(path), "result": str(target), **run_numbers(run), "seconds": seconds}
     if answer.in_words(numbers | {"written": [*map(str, written)]}):
         print_rows(numbers["title"], run_rows(numbers))
-    answer.written(written, ("view", target), ("info", target))
+    moves = [("view", target)] if run.sizes["time"] > 1 else []
+    answer.written(written, *moves, ("info", target))
     if isinstance(stopped, KeyboardInterrupt):
         raise typer.Exit(INTERRUPTED)
     return stopped is None

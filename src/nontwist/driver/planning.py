@@ -323,7 +323,10 @@ def known_body(load: Load, systems: SystemStack) -> Load:
     J = systems.inertia
     own = of_body(load, J[0])
     if own is not load and (J[0] != J).any():
-        raise ValueError("gravity_gradient requires equal inertias; use a separate ensemble for each inertia")
+        raise ValueError(
+            "gravity_gradient requires members of equal inertias; a sweep takes others, as with over={'body.inertia': "
+            "[J1, J2]}"
+        )
     return own
 
 

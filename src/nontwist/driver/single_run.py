@@ -22,18 +22,20 @@ from ..integrators import DEFAULT, IVP, Integrator, SimulationError, SimulationI
 from ..integrators.base import Outcome
 from ..integrators.compiled import Compiled
 from ..integrators.continuous import MOST, Continuous, least_steps
-from ..integrators.costs import Cost
+from ..integrators.costs import Cost, seconds_of_call
 from ..integrators.problem import Intervals, Stretches, stretched
 from ..loads import Load
 from . import completion, notices
 from .contacts import refusal
 from .events import Ended, Event, march_to_events
+from .grid import MOST as MOST_STATES
 from .grid import TURN, even_step, load_messages, require_resolution, rest_of, stored_count, stretches_of
 from .notices import progress_bar
 from .planning import Plan, resolve_integrator
 from .starts import AT_REST, Starts
 from .tolerance import First, apart_shown, controlled, damped_steps, finer, first_run
 
+CALLS = 25  # of a load in Python at a stage of a step that is chosen, in all runs together
 CACHED_NODES = 2**13  # at most, of a plan whose preparation is cached
 
 
@@ -238,6 +240,11 @@ class Prepared:
         if plan.is_between and self.first is not None:
             apart = apart_shown(plan, self.first.pace, self.first.swing)
             shown = max(1, int((apart.lengths(plan.t_end) / apart.values).sum()))
+            if shown > MOST_STATES:
+                raise ValueError(
+                    f"figures need {shown:.3g} states, and at most {MOST_STATES:.0e} are stored: choose times= or "
+                    "store='end'"
+                )
         return stored_count(shown, plan.store)
 
     @cached_property
@@ -248,7 +255,11 @@ class Prepared:
     @property
     def cost(self) -> Cost:
         """What it costs, about."""
-        return notices.run_cost(self.scheme, self.whole, self.states)
+        cost, load = notices.run_cost(self.scheme, self.whole, self.states), self.plan.load
+        if self.first is None or load.is_compiled:
+            return cost
+        calls = CALLS * cost.parts * self.scheme.nodes
+        return cost._replace(seconds=max(cost.seconds, calls * seconds_of_call(load, self.whole)))
 
     @property
     def remark(self) -> str | None:
@@ -318,7 +329,7 @@ class Prepared:
             return steps
         assert steps.stretches is not None
         own = plan._replace(scheme=steps.integrator)
-        if self.first is not None and plan.is_between:
+        if self.first is not None and plan.is_between and plan.output_times is None:
             sizes = np.sqrt(np.square(steps.material_angular_velocity).sum(axis=1))
             longest = apart_shown(plan, self.first.pace.measured(steps.time, sizes), self.first.swing)
             shown = stretches_of(plan.grid_load, plan.t_start, plan.t_end, longest)

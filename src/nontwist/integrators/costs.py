@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cache, lru_cache
+from time import perf_counter
 from typing import NamedTuple
 
 import numpy as np
@@ -50,6 +51,18 @@ def steps_cost(problem: IVP, steps: int, substeps: int, substep_ns: float) -> Co
     sampled = [term for term in load.terms if term.kind in ("body", "space")]
     ns += sum(CALL_NS if isinstance(term, Function) else SAMPLE_NS for term in sampled)
     return Cost(steps, "steps", steps * substeps * ns * 1e-9, 0)
+
+
+def seconds_of_call(load: Load, problem: IVP) -> float:
+    """Return how long a load takes that runs in Python; 0 where it fails, as a run says why."""
+    start = problem.t_start, directors(problem.quaternion[0]), problem.velocity[0]
+    try:
+        state_moment_at(load, *start)  # the first call may be slower
+        begun = perf_counter()
+        state_moment_at(load, *start)
+    except Exception:
+        return 0.0
+    return perf_counter() - begun
 
 
 def damping_rate(systems: SystemStack, load: Load, scale: Array = ONE) -> float:

@@ -327,7 +327,10 @@ def key_problems(sweep: Sweep, data: dict[str, Any]) -> Iterator[Fault]:
             with suppress(ValueError):  # values of several forms, or none
                 if known[one.key] != one.form:
                     form = f"{_form(one.form)} (the key holds {_form(known[one.key])})"
-                    yield Fault(f"{at}.kind", f"{shown(one.kind)}: {form}", "values of the form that the key has")
+                    accepted = "values of the form that the key has"
+                    if (one.form, known[one.key]) == ((3,), (3, 3)):
+                        accepted += f", as numpy.diag makes them of three; or {one.key}.0.0, {one.key}.1.1, ... alone"
+                    yield Fault(f"{at}.kind", f"{shown(one.kind)}: {form}", accepted)
 
 
 def step_problems(step: float | None, integrator: type[Integrator], prepared: Prepared | None) -> Iterator[Fault]:

@@ -4,6 +4,7 @@ import ast
 import pickle
 import pkgutil
 import random
+import re
 import subprocess
 import sys
 from importlib.resources import files
@@ -98,10 +99,6 @@ LOOP = nontwist.stepper(BODY, 0.1)
             "argument but 3 were given; it takes inertia, physical",
         ),
         (lambda: nontwist.stepper(BODY, dt=0.1), "'dt'; did you mean step=?"),
-        (
-            lambda: LOOP.step(moment=(1, 0, 0)),
-            "keyword argument 'moment'; did you mean body_moment= or ",
-        ),
         (lambda: LOOP.reset(W=(1, 0, 0)), "'W'; did you mean material_angular_velocity=?"),
         (lambda: LOOP.reset(t_start=1), "'t_start'; did you mean time=?"),
         (lambda: LOOP.reset(LOOP.state), "2 were given; it takes rotation, scalar_first, "),
@@ -133,3 +130,31 @@ def test_a_type_error_inside_a_function_is_its_own():
     assert pickle.loads(pickle.dumps(nontwist.standard)) is nontwist.standard
     with pytest.raises(ValueError, match=r"^gravity must be a vector in space, as \(0, 0, -9\.81\), got 9\.81$"):
         nontwist.heavy_top([2, 2, 1], 1, (0, 0, 1), gravity=9.81)
+
+
+RUN = nontwist.simulate(BODY, t_end=1, step=0.1, material_angular_velocity=(1, 2, 3))
+
+
+@pytest.mark.parametrize(
+    ("call", "told"),
+    [
+        (lambda: nontwist.simulate(BODY, t_end=True), "t_end must be a number, got True"),
+        (lambda: nontwist.simulate(BODY, t_end=1, step=True), "step must be a number, got True"),
+        (lambda: nontwist.join_runs([RUN, RUN]), "as a Dataset, got a list of them: give one by one"),
+        (lambda: nontwist.view([RUN, RUN]), "view accepts one run or two, view(a, b), not a list"),
+        (lambda: nontwist.resample(nontwist.read_motion(RUN.quaternion.to_pandas(), rate=10), [0.5]), "Slerp of SciPy"),
+        (
+            lambda: nontwist.simulate(BODY, t_end=1, events=lambda t, y: y[0]),
+            "attributes angular_velocity, ",
+        ),
+        (lambda: nontwist.simulate(BODY, t_end=1, events=lambda t, y: y.W), "material_angular_velocity, quaternion"),
+    ],
+)
+def test_what_is_given_in_another_form_is_told_the_right_one(call, told):
+    with pytest.raises(ValueError, match=re.escape(told)):
+        call()
+
+
+def test_a_trajectory_is_shown_in_one_line():
+    run = nontwist.propagator(BODY, t_end=1, step=0.25, store=1)()
+    assert repr(run) == f"<Trajectory: {BODY!r}, gauss, 0 to 1 s, 5 states: done>"

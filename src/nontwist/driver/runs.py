@@ -248,6 +248,8 @@ def resample(run: xarray.Dataset, times: ArrayLike, load: Load | Term | None = N
     >>> rotation(resample(run, [0.25, 0.333])).magnitude().round(6)
     array([0.5  , 0.666])
     """
+    if hasattr(run, "dims") and not hasattr(run, "data_vars"):
+        raise ValueError("resample takes runs, whose equations it integrates; Slerp of SciPy interpolates a recording")
     run = as_dataset(run, RUN, NEEDED, ("system", "integrator", "load"))
     t, x = run["time"].values, as_array(times, "times", (None,))
     if t.size < 2:

@@ -142,8 +142,8 @@ def view(
     >>> page.save("two-bodies.html").name
     'two-bodies.html'
     """
-    if isinstance(run, dict):
-        raise ValueError("view accepts one run or two, view(a, b), not a dictionary")
+    if isinstance(run, (dict, list, tuple)):
+        raise ValueError(f"view accepts one run or two, view(a, b), not a {type(run).__name__}")
     if title is not None and not isinstance(title, str):
         raise ValueError(f"title must be a string, got {short_repr(title)}")
     shows = contents([run] if other is None else [run, other], labels)

@@ -331,7 +331,9 @@ def prepared(problem: Problem) -> Prepared:
     if "load_scale" in problem.given:
         raise ValueError("load_scale is that of an ensemble; multiply the load of one run: load=2 * load")
     begin = start_of(problem)
-    return Prepared(plan_of(problem, begin)._replace(shows="between"), begin, as_events(problem.events))
+    plan, events = plan_of(problem, begin), as_events(problem.events)
+    shows: Literal["between", "nothing"] = "between" if events or plan.output_times is None else "nothing"
+    return Prepared(plan._replace(shows=shows), begin, events)
 
 
 def start_of(problem: Problem) -> Starts:

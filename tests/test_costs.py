@@ -129,6 +129,23 @@ def test_forecasts_count_the_calls_of_functions_in_python():
     assert at.seconds > 0.1 * at.steps  # four stages or more, each called often
 
 
+def test_seven_outputs_of_a_function_in_python_take_fewer_calls_than_figures():
+    calls, counts, ends = 0, [], []
+
+    def drag(t, directors, w):
+        nonlocal calls
+        calls += 1
+        return -0.1 * w
+
+    for how in ({"times": np.linspace(0, 20, 7)}, {"t_end": 20}):
+        calls = 0
+        run = nt.simulate(STANDARD, load=nt.moment(drag), material_angular_velocity=(0.1, 0.3, 0), **how)
+        counts.append(calls)
+        ends.append(run.quaternion[-1])
+    assert 3 * counts[0] < counts[1]
+    np.testing.assert_allclose(*ends, atol=1e-8)
+
+
 def test_members_side_by_side_take_less_than_one_after_the_other():
     """Loads in Python are called for each, whatever the threads."""
     gauss, drawn = INTEGRATORS["gauss"](), problem(FREE, nt.moment(lambda t, d, w: -w))

@@ -316,10 +316,15 @@ test_what_is_refused = refused_as(
 )
 
 
+def test_a_gradient_needs_what_f_is():
+    with pytest.raises(ValueError, match=r"^give d_rotation= or d_material_angular_velocity=, the derivatives of f"):
+        nt.gradient(nt.nontwisting([3, 4, 5]), t_end=1, material_angular_velocity=(1, 2, 0), wrt="inertia")
+
+
 def test_a_gradient_of_a_run_that_fails():
     """The part of the run that is known has no means over its steps."""
     with pytest.raises(SimulationError, match="the body turns") as caught:
-        nt.gradient(nt.standard(J), t_end=10, step=5, integrator="lie-midpoint", **START)
+        nt.gradient(nt.standard(J), t_end=10, step=5, integrator="lie-midpoint", d_rotation=np.eye(3), **START)
     run = caught.value.partial
     assert len(run.material_angular_velocity) == 1
     assert run.to_dataset().sizes["time"] == 1

@@ -87,12 +87,39 @@ def test_a_start_takes_every_form():
         {"rotation": R0.as_quat(scalar_first=True), "scalar_first": True},
         {"rotation": run.directors[0]},
         {"rotation": run.quaternion[0]},
-        {"rotation": Rotation.concatenate([Rotation.identity(), R0])},
+        {"rotation": R0.as_matrix()[None]},
         {"rotation": nt.integrate(nt.standard([1, 1, 1]), t_end=1, step=1, rotation=R0)},
         {"rotation": R0, "material_angular_velocity": None, "angular_velocity": R0.apply(W0)},
     ):
         assert paper(**form).directors.values == pytest.approx(first.directors.values, abs=1e-14)
     assert first.directors[0].values == pytest.approx(R0.as_matrix().T, abs=1e-15)
+
+
+MANY = Rotation.from_rotvec([[0.0, 0, 0.1], [0, 0, 0.2]])
+
+
+@pytest.mark.parametrize("several", [MANY, MANY.as_matrix(), MANY.as_quat().tolist()])
+def test_several_attitudes_are_refused_where_one_is_meant(several):
+    """But for `start=`, which takes a motion."""
+    body, how = nt.standard([3, 4, 5]), {"t_end": 1, "rotation": several, "scalar_first": False}
+    for call in (
+        lambda: nt.simulate(body, **how),
+        lambda: nt.integrate(nt.Problem(body, **how)),
+        lambda: nt.sensitivities(body, wrt="inertia", **how),
+        lambda: nt.lyapunov(body, **how),
+        lambda: nt.propagator(body, t_end=1, step=0.1)(rotation=several, scalar_first=False),
+        lambda: nt.stepper(body, 0.1).reset(rotation=several, scalar_first=False),
+    ):
+        with pytest.raises(ValueError, match=r"^rotation must be one attitude, got 2: rotation=Q\[0\] is the first"):
+            call()
+    for call in (nt.steer, lambda *a, **k: nt.least_effort(nt.nontwisting([3, 4, 5]), *a, t_end=1, **k)):
+        with pytest.raises(ValueError, match=r"^target must be one attitude, got 2"):
+            call(R0, several, scalar_first=False)
+    many = nt.simulate_ensemble(body, **how)
+    with pytest.raises(ValueError, match=r"^rotation must be one attitude"):
+        nt.simulate(body, t_end=1, rotation=many.quaternion.isel(time=-1))
+    began = nt.integrate(body, t_end=1, start=several, scalar_first=False).quaternion[0]
+    np.testing.assert_allclose(began, MANY[1].as_quat(), atol=1e-15)
 
 
 def test_project_removes_the_spin_only():

@@ -5,6 +5,7 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
+import pandas
 import pytest
 from scipy.spatial.transform import Rotation
 
@@ -308,8 +309,10 @@ def test_files_say_what_they_are(tmp_path):
     for source, how in ((bare, {"unit": "°/s"}), (named, {"columns": ["when", "a", "b", "c"], "unit": "deg/s"})):
         assert np.array_equal(whole(source, **how).inertia, fit.inertia)
     assert abs(whole(timeless, rate=400).inertia - fit.inertia).max() < 1e-7
+    assert np.array_equal(whole(pandas.read_csv(bare), unit="deg/s").inertia, fit.inertia)
     for source, code, how in (
         (bare, "no-unit", {}),
+        (pandas.read_csv(bare), "no-unit", {}),
         (bare, "unit", {"unit": "furlongs"}),
         (bare, "no-bodies", {"unit": "deg/s", "body": "thigh"}),
         (named, "no-gyroscope", {}),

@@ -1,8 +1,10 @@
 """Public names stay what they are, whatever is imported, in any order."""
 
 import ast
+import pickle
 import pkgutil
 import random
+import re
 import subprocess
 import sys
 from importlib.resources import files
@@ -11,6 +13,7 @@ from types import ModuleType
 import pytest
 
 import nontwist
+from nontwist.geometry.values import hinted
 
 NAMESPACES = {name for name in nontwist.__all__ if isinstance(getattr(nontwist, name), ModuleType)}
 
@@ -55,3 +58,103 @@ def test_names_are_listed_for_completion_and_others_are_attribute_errors():
     assert nontwist.__version__
     with pytest.raises(AttributeError, match="module 'nontwist' has no attribute 'simulat'"):
         nontwist.simulat  # noqa: B018
+
+
+@pytest.mark.parametrize("name", sorted(NAMESPACES))
+def test_public_modules_list_their_public_names(name):
+    """None of what they import; of modules without `__all__` what they define."""
+    module = getattr(nontwist, name)
+    assert sorted(dir(module)) == sorted(getattr(module, "__all__", dir(module)))
+    for public in dir(module):
+        assert not isinstance(getattr(module, public), ModuleType)
+    assert not {"np", "annotations", "Any", "__doc__"} & set(dir(module))
+
+
+@pytest.mark.parametrize(
+    ("module", "name", "hint"),
+    [
+        (nontwist.plot, "twist", "did you mean twist_angle? it has directors, energy"),
+        (nontwist.plot, "animate", "it has directors, energy"),
+        (nontwist.inertia, "of_rod", "did you mean of_cylinder? it has MassProperties"),
+        (nontwist.rotations, "rotvec", "it has cayley, cayley_inverse"),
+    ],
+)
+def test_an_attribute_that_a_public_module_lacks_is_guessed(module, name, hint):
+    assert not hasattr(module, "__wrapped__")
+    with pytest.raises(AttributeError) as told:
+        getattr(module, name)
+    assert str(told.value).startswith(f"module {module.__name__!r} has no attribute {name!r}; {hint}")
+
+
+BODY = nontwist.standard([3, 4, 5])
+LOOP = nontwist.stepper(BODY, 0.1)
+
+
+@pytest.mark.parametrize(
+    ("call", "told"),
+    [
+        (lambda: nontwist.standard(J=[3, 4, 5]), "an unexpected keyword argument 'J'; did you mean inertia=?"),
+        (
+            lambda: nontwist.standard(2, 8, 9),
+            "argument but 3 were given; it takes inertia, physical",
+        ),
+        (lambda: nontwist.stepper(BODY, dt=0.1), "'dt'; did you mean step=?"),
+        (lambda: LOOP.reset(W=(1, 0, 0)), "'W'; did you mean material_angular_velocity=?"),
+        (lambda: LOOP.reset(t_start=1), "'t_start'; did you mean time=?"),
+        (lambda: LOOP.reset(LOOP.state), "2 were given; it takes rotation, scalar_first, "),
+        (lambda: nontwist.heavy_top([2, 2, 1], 1, (0, 0, 1), g=9.81), "'g'; did you mean gravity=?"),
+        (lambda: nontwist.wheel("z", 0.1, rpm=100), "'rpm'; did you mean speed=?"),
+        (lambda: nontwist.twist(None, rate=9), "'rate'; did you mean time=?"),
+        (lambda: nontwist.view(None, speed=2), "'speed'; it takes run, other, title, labels"),
+        (lambda: nontwist.steer(None, None, t_end=2), "'t_end'; it takes start, target, scalar_first"),
+        (
+            lambda: nontwist.read_motion("a", degrees=True),
+            "read_motion() got an unexpected keyword ",
+        ),
+        (lambda: nontwist.inertia.of_cylinder(1, 1, height=1), "'height'; did you mean length=?"),
+    ],
+)
+def test_a_call_with_other_arguments_is_told_what_is_meant(call, told):
+    with pytest.raises(TypeError) as error:
+        call()
+    assert told in str(error.value)
+    assert error.value.__suppress_context__
+
+
+def test_a_type_error_inside_a_function_is_its_own():
+    def fails(x):
+        return x + ""
+
+    with pytest.raises(TypeError, match=r"^unsupported operand"):
+        hinted(fails)(1)
+    assert pickle.loads(pickle.dumps(nontwist.standard)) is nontwist.standard
+    with pytest.raises(ValueError, match=r"^gravity must be a vector in space, as \(0, 0, -9\.81\), got 9\.81$"):
+        nontwist.heavy_top([2, 2, 1], 1, (0, 0, 1), gravity=9.81)
+
+
+RUN = nontwist.simulate(BODY, t_end=1, step=0.1, material_angular_velocity=(1, 2, 3))
+
+
+@pytest.mark.parametrize(
+    ("call", "told"),
+    [
+        (lambda: nontwist.simulate(BODY, t_end=True), "t_end must be a number, got True"),
+        (lambda: nontwist.simulate(BODY, t_end=1, step=True), "step must be a number, got True"),
+        (lambda: nontwist.join_runs([RUN, RUN]), "as a Dataset, got a list of them: give one by one"),
+        (lambda: nontwist.view([RUN, RUN]), "view accepts one run or two, view(a, b), not a list"),
+        (lambda: nontwist.resample(nontwist.read_motion(RUN.quaternion.to_pandas(), rate=10), [0.5]), "Slerp of SciPy"),
+        (
+            lambda: nontwist.simulate(BODY, t_end=1, events=lambda t, y: y[0]),
+            "attributes angular_velocity, ",
+        ),
+        (lambda: nontwist.simulate(BODY, t_end=1, events=lambda t, y: y.W), "material_angular_velocity, quaternion"),
+    ],
+)
+def test_what_is_given_in_another_form_is_told_the_right_one(call, told):
+    with pytest.raises(ValueError, match=re.escape(told)):
+        call()
+
+
+def test_a_trajectory_is_shown_in_one_line():
+    run = nontwist.propagator(BODY, t_end=1, step=0.25, store=1)()
+    assert repr(run) == f"<Trajectory: {BODY!r}, gauss, 0 to 1 s, 5 states: done>"

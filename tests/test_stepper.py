@@ -302,3 +302,68 @@ def test_steppers_in_threads_are_independent():
     alone = [driven(seed) for seed in range(4)]
     with ThreadPoolExecutor(4) as pool:
         assert list(pool.map(driven, range(4))) == alone
+
+
+def test_a_stepper_takes_one_step_at_a_time():
+    """A load that steps it again, as another thread could, is refused; afterwards it goes on."""
+    again = []
+
+    def restless(t, directors, w):
+        with pytest.raises(RuntimeError, match="is taking a step: each thread needs one of its own"):
+            loop.step()
+        again.append(t)
+        return 0.0, 0.0, 0.1
+
+    with pytest.warns(UserWarning, match="runs in Python"):
+        loop = nt.stepper(FREE, 0.01, load=nt.moment(restless))
+    assert loop.step().steps == 1
+    assert again
+    assert loop.step().steps == 2
+
+
+def slow(t, z, directors, W):
+    return W[2] - z
+
+
+def weak(t, z, directors, W):
+    return 0.0, 0.0, -z
+
+
+SLOW = nt.memory_load(slow, weak, 0.3, frame="body", compiled=True)
+WHEELS = (
+    nt.wheel("x", 0.1, 5.0, ([0, 2], [0.1, 0.3]))
+    + nt.wheel((0, 3, 4), 0.2, -3.0, viscous=0.02)
+    + nt.wheel("z", 0.1, 2.0)
+)
+
+
+@pytest.mark.parametrize("load", [nt.damping(0.1), WHEELS, WHEELS + SLOW])
+def test_runs_go_on_from_states_of_steppers_and_events(load):
+    """With time, velocity, wheels and memory, as if one run had not ended."""
+    how = {"integrator": "gauss", "order": 4, "load": load}
+    whole = nt.integrate(FREE, t_end=2, step=H, **START, **how)
+    loop, seen = nt.stepper(FREE, H, **how), []
+    loop.reset(**START)
+    nt.integrate(FREE, t_end=1, step=H, **START, **how, events=lambda t, state: seen.append(state) or 1.0)
+    halfway = next(state for state in seen if state.time == 1)
+    for state in (states(loop, 64, (0, 0, 0), (0, 0, 0))[-1], halfway):
+        run = nt.integrate(FREE, start=state, t_end=2, step=H, **how)
+        assert run.time[0] == 1
+        np.testing.assert_allclose(run.states.quaternion[-1], whole.states.quaternion[-1], rtol=0, atol=1e-12)
+        np.testing.assert_allclose(run.material_angular_velocity[-1], whole.material_angular_velocity[-1], atol=1e-12)
+        many = nt.simulate_ensemble(FREE, start=state, t_end=2, step=H, **how)
+        np.testing.assert_allclose(many.quaternion[0, -1], whole.states.quaternion[-1], rtol=0, atol=1e-12)
+        assert loop.reset(start=state).material_angular_velocity == state.material_angular_velocity
+    if load is not WHEELS:
+        return
+    with pytest.raises(ValueError, match=r"^start= has 9 internal states, of wheels or memory, and the load none$"):
+        nt.integrate(FREE, start=loop.state, t_end=2)
+
+
+def test_a_torque_of_one_wheel_is_a_number():
+    one, same = (nt.stepper(FREE, H, load=nt.wheel("z", 0.1, 2.0)) for _ in range(2))
+    assert one.step(wheel_torque=0.2) == same.step(wheel_torque=(0.2,))
+    with pytest.raises(ValueError, match=r"^wheel_torque needs wheels, and the load has none: load=wheel\("):
+        nt.stepper(FREE, H).step(wheel_torque=0.2)
+    with pytest.raises(ValueError, match=r"^wheel_torque needs a number for each wheel, 3, got 1$"):
+        nt.stepper(FREE, H, load=WHEELS).step(wheel_torque=0.2)

@@ -11,6 +11,7 @@ from .geometry.arrays import arcs, norm
 from .geometry.curves import frame_along, frame_of_curve
 from .geometry.frames import closed_frame, frame_error_estimate, holonomy, nontwisting_frame, solid_angle
 from .geometry.linking import directions, link, normalised, polygon, ribbon_twist, writhe, writhe_and_crossings
+from .geometry.values import public
 
 if TYPE_CHECKING:
     import xarray
@@ -28,6 +29,7 @@ __all__ = [
     "solid_angle",
     "writhe",
 ]
+public(__name__)
 
 
 def curve_report(points: ArrayLike, *, turns: int = 0) -> xarray.Dataset:

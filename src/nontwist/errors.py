@@ -25,6 +25,11 @@ __all__ = [
     "SweepStoreError",
 ]
 
+
+def __dir__() -> list[str]:
+    return __all__
+
+
 SENTENCES = {
     "type": "{name} must be {words}, got {value}",
     "euler": "{option[euler]} requires 3 axes, neighbours unlike: ZYX about moving, zyx fixed axes; got {letters!r}",

@@ -1,5 +1,6 @@
 """Inertia of boxes, cylinders, ellipsoids, points and meshes; shifted, in principal axes, convected and Euler's."""
 
+from .geometry.values import public
 from .models.inertia import of_cuboid, of_cylinder, of_ellipsoid, of_points, principal_frame, shift
 from .models.mesh import MassProperties, of_mesh
 from .models.system import convected_inertia, euler_inertia
@@ -16,3 +17,4 @@ __all__ = [
     "principal_frame",
     "shift",
 ]
+public(__name__)

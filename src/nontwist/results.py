@@ -7,5 +7,7 @@ from .driver.ensembles import Propagator
 from .driver.starts import BodyState
 from .driver.steering import Steering
 from .fitting.result import Fit
+from .geometry.values import public
 
 __all__ = ["BodyState", "Fit", "LeastEffort", "Propagator", "Steering", "Stepper", "StepperState", "Trajectory"]
+public(__name__)

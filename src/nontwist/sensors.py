@@ -18,12 +18,13 @@ from .analysis.variables import assembled, labelled
 from .driver.runs import resample
 from .geometry.arrays import as_array, as_number, as_positive
 from .geometry.rotations import exp
-from .geometry.values import as_whole
+from .geometry.values import as_whole, public
 
 if TYPE_CHECKING:
     import xarray
 
 __all__ = ["gyroscope"]
+public(__name__)
 LAST = 1e-9  # of a sample: how far beyond the end of a run its last one may be
 
 

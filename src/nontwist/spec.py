@@ -21,7 +21,7 @@ from types import UnionType
 from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
 from .errors import InputError, PythonOptions
-from .geometry.values import among, short_repr
+from .geometry.values import among, hinted, short_repr
 
 F = TypeVar("F", bound=Callable[..., Any])
 BOUNDS: dict[str, Any] = {
@@ -135,7 +135,7 @@ def takes(cls: type, *names: str) -> Callable[[F], F]:
             rows.append(textwrap.indent(filled, "    "))
         text = inspect.cleandoc(function.__doc__ or "")  # as Python 3.13 keeps it
         function.__doc__ = text.replace(f"{{{cls.__name__}}}\n", "\n".join(rows) + "\n")
-        return function
+        return hinted(function)
 
     return described
 

@@ -21,7 +21,9 @@ def as_dataset(
     Texts are variables, too. Variables of runs must have the dims of runs, others any. A part has its intervals alone.
     """
     if not hasattr(data, "data_vars"):
-        raise ValueError(f"expected {what} as a Dataset, got {short_repr(data)}")
+        many = isinstance(data, (list, tuple)) and any(hasattr(one, "data_vars") for one in data)
+        given = f"a {type(data).__name__} of them: give one by one, f(*runs)" if many else short_repr(data)
+        raise ValueError(f"expected {what} as a Dataset, got {given}")
     for name in [*variables, *texts]:
         if name not in data.variables:
             raise ValueError(f"expected {what} with {name!r}; this Dataset has {', '.join(map(str, data))}")

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..geometry.arrays import Array, largest_size
 from ..geometry.attitudes import States, director_velocities, directors
+from ..geometry.values import counted
 from ..integrators import Integrator
 from ..integrators.problem import Intervals, Stretches
 from ..loads import Load
@@ -144,6 +145,11 @@ class Trajectory:
         if self.events is None:
             return []
         return [self.events.time[self.events.number == k] for k in range(len(self.events.names))]
+
+    def __repr__(self) -> str:
+        span = " to ".join(f"{t:.6g}" for t in (*self.time[:1], *self.time[-1:]))
+        states = counted(len(self.time), "state")
+        return f"<Trajectory: {self.system!r}, {self.integrator.name}, {span} s, {states}: {self.message}>"
 
     @classmethod
     def _later(cls, known: dict[str, Any], read: Callable[[], dict[str, Any]] | None) -> Trajectory:

@@ -49,7 +49,8 @@ def parse_axis(text: str) -> Any:
     try:
         return as_axis([float(part) for part in text.split(",")] if "," in text else text, "axis")
     except ValueError as error:
-        raise typer.BadParameter(f"{text!r} is neither x, y, z nor three numbers like 0.1,0.2,0.97") from error
+        wanted = "x, y, z or three numbers like 0.1,0.2,0.97 in the axes of the body (--body names one)"
+        raise typer.BadParameter(f"{text!r} is not a direction: {wanted}") from error
 
 
 DATA = argument(
@@ -116,7 +117,6 @@ def twist_command(
     for place in places.values():
         is_read = place.exists() and any(place.samefile(one) for one in read)
         refuse((is_read, "--out", f"{place} is the recording itself; choose another name"))
-    require_free(*places.values(), force=answer.force)
     with about(f"cannot read {data}", OSError), about(data, ValueError):
         motion = nontwist.read_motion(sys.stdin if data == "-" else data, **vars(reading))
     lone = relative_options is not None and relative_to is None
@@ -203,6 +203,7 @@ def _write(result: xarray.Dataset, places: dict[str, Path], degrees: bool, decim
     """Write what each suffix stands for."""
     from ..io.results import in_degrees, write_csv
 
+    require_free(*places.values(), force=force)
     nontwist.save_run(result, places[".nc"], force=force)
     if ".csv" in places:
         curves = result.drop_vars("frame")
@@ -382,16 +383,16 @@ def fit_command(
     )
     for one in data:
         require_readable(Path(one), "a recording")
-    if out is not None:
-        require_free(out, force=answer.force)
-    if figure is not None:
-        require_places(figure, force=answer.force)
     interval: Any = "all" if everything else None if first is None else (first, last)
     what: Any = [sys.stdin if one == "-" else one for one in data]
     words = (gravity, rotor, orientation, delay, misalignment, axis_scales, damping, constraint)
     acting = {name: settings(text, name) for name, text in zip(SETTINGS, words, strict=True)}
     how: Any = {"bias": bias, "scale": scale, "noise": noise, "loss": loss, "unit": unit, **acting}
     how |= {"physical": not unphysical, **{name: getattr(reading, name) for name in GYROSCOPE}}
+    if out is not None:
+        require_free(out, force=answer.force)
+    if figure is not None:
+        require_places(figure, force=answer.force)
     fit = nontwist.fit_inertia(what if len(what) > 1 else what[0], interval=interval, **how)
     if answer.in_words({"files": data, **fit.numbers()}):
         print_rows(f"inertia of {', '.join(data)}", fit.table())

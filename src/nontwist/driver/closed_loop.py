@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..geometry.arrays import Array, as_array, as_number, as_positive, vector
-from ..geometry.values import short_repr
+from ..geometry.arrays import Array, as_array, as_floats, as_number, as_positive, vector
+from ..geometry.values import hinted, short_repr
 from ..integrators import INTEGRATORS, IVP, Integrator, SimulationError, Status
 from ..integrators.base import Failure
 from ..integrators.compiled import Compiled
@@ -22,6 +22,7 @@ from ..integrators.marching import ENDS, NUMBERS, Numbers, SingleStep, Vector, W
 from ..integrators.problem import stretched
 from ..loads import Load, Term, as_load
 from ..loads.base import of_body
+from ..loads.memory import Column
 from ..loads.terms import Table
 from ..models.stack import stacked
 from ..models.system import DirectorSystem, as_system
@@ -100,6 +101,7 @@ NONE = ()
 ASIDE = (*STARTS, "t_start", "t_end", "tolerance", "times", "store")  # of a problem: times and output
 
 
+@hinted
 def stepper(
     system: DirectorSystem | Problem,
     step: float | None = None,
@@ -185,6 +187,7 @@ class Kind(NamedTuple):
     inertia: bytes
     axis: bytes | None
     internal: int  # internal states of the load but for wheels
+    carried: int  # those and what the numbers have of wheels
 
 
 def _takes_steps(kind: type[Integrator]) -> bool:
@@ -226,8 +229,13 @@ class StepperState(BodyState):
     @property
     def internal_state(self) -> tuple[float, ...]:
         """The internal states z of loads with memory but for wheels, one behind the other; none: ()."""
-        k, end = self._kind.internal, len(self._numbers) - 1
-        return self._numbers[end - 2 * k : end - k]  # the carried numbers end with z and its round-off
+        end = len(self._numbers) - 1 - self._kind.carried  # they end with z, that of wheels first, and its round-off
+        return self._numbers[end - self._kind.internal : end]
+
+    @property
+    def _carried(self) -> tuple[tuple[float, ...], tuple[Column, ...]]:
+        wheels = (Column(np.array(n), I, 3 * k, True, True, False) for k, (I, *n) in enumerate(self._axes))
+        return (*(x for one in self._wheels for x in one), *self.internal_state), tuple(wheels)
 
     @property
     def wheel_work(self) -> tuple[float, ...]:
@@ -301,10 +309,13 @@ class Stepper:
         self._single: Any = (MarchedStep if load.is_dry else SingleStep)(system, load, step, integrator)
         self._wheels = load.wheels
         count = load.internal_state.size - sum(one.count for one in load.wheels)
-        self._kind = Kind(integrator, step, system.euler_inertia.tobytes(), axis, count)
+        held = 0 if load.is_dry else COMMANDED * sum(not one.is_driven for one in load.wheels)
+        self._kind = Kind(integrator, step, system.euler_inertia.tobytes(), axis, count, held + count)
         self._axes = axes_of(load)
+        self._steps_now = False
         self.reset()
 
+    @hinted
     def reset(
         self,
         *,
@@ -324,8 +335,8 @@ class Stepper:
             As in `simulate`: by default the identity, at rest.
         time : float, s, optional
             By default 0, or the end of `start`.
-        start : Dataset or Trajectory, optional
-            Continue from the last state of a run, as in `simulate`.
+        start : Dataset, Trajectory or BodyState, optional
+            Continue from the last state of a run, or from a state, as in `simulate`.
         project : bool
             Remove an initial spin about the constrained axis instead of refusing it.
 
@@ -373,7 +384,7 @@ class Stepper:
             Components along the directors: a moment that rotates with the body, such as that of thrusters and motors.
         space_moment : (3,) array, N m
             Components along the axes of space.
-        wheel_torque : (k,) array, N m
+        wheel_torque : (k,) array, or a number for one wheel, N m
             Torque of the motor on each wheel of the load about its axis, beside that of the load; 0 by default.
 
         Returns
@@ -387,6 +398,8 @@ class Stepper:
         SimulationError
             The step fails: the body would turn by more than half a turn, the load fails, or a number is not finite. The
             state is unchanged; `partial` of the error is None.
+        RuntimeError
+            A step of this stepper is being taken, in another thread or by a load.
 
         Notes
         -----
@@ -394,24 +407,33 @@ class Stepper:
         tuples, lists or arrays of floats.
         """
         body, space = vector(body_moment, "body_moment"), vector(space_moment, "space_moment")
-        now = self._state
-        k = now._steps
-        has_torque = wheel_torque is not NONE and np.size(wheel_torque)
-        wheels = (now._wheels, self._torques(wheel_torque)) if self._wheels or has_torque else None
+        if self._steps_now:
+            raise RuntimeError("this stepper is taking a step: each thread needs one of its own, a copy.copy of it")
+        self._steps_now = True  # nothing lies between: the interpreter changes threads at calls
         try:
-            numbers, ends = self._single(now._numbers, now._start, k, body, space, wheels)
-        except ValueError as error:
-            raise self._error(Failure(Status.LOAD, k, nan, nan, error)) from error
-        if numbers[-1] or not -inf < numbers[NUMBERS.work] < inf:
-            failure = self._single.failure(k)
-            failure = failure or Failure(Status.NOT_FINITE, k, nan, nan, OVERFLOW.format("load_work"))
-            raise self._error(failure) from failure.cause
-        self._state = state = self._made(numbers, now._start, k + 1, ends)
-        return state
+            now = self._state
+            k = now._steps
+            has_torque = wheel_torque is not NONE and np.size(wheel_torque)
+            wheels = (now._wheels, self._torques(wheel_torque)) if self._wheels or has_torque else None
+            try:
+                numbers, ends = self._single(now._numbers, now._start, k, body, space, wheels)
+            except ValueError as error:
+                raise self._error(Failure(Status.LOAD, k, nan, nan, error)) from error
+            if numbers[-1] or not -inf < numbers[NUMBERS.work] < inf:
+                failure = self._single.failure(k)
+                failure = failure or Failure(Status.NOT_FINITE, k, nan, nan, OVERFLOW.format("load_work"))
+                raise self._error(failure) from failure.cause
+            self._state = state = self._made(numbers, now._start, k + 1, ends)
+            return state
+        finally:
+            self._steps_now = False
 
     def _torques(self, torque: ArrayLike) -> Array:
         """Return the torque on each wheel."""
-        own, count = as_array(torque, "wheel_torque", (None,)), len(self._wheels)
+        count = len(self._wheels)
+        own = as_array(as_floats(torque, "wheel_torque", 1), "wheel_torque", (None,))
+        if own.size and not count:
+            raise ValueError("wheel_torque needs wheels, and the load has none: load=wheel(axis, inertia)")
         if own.size not in (0, count):
             raise ValueError(f"wheel_torque needs a number for each wheel, {count}, got {own.size}")
         return own if own.size else np.zeros(count)

@@ -169,6 +169,11 @@ def gradient(
     >>> g.gradient.values.reshape(5, 3)[:, 1].round(4)  # the weights of the table, over J2
     array([0.0312, 0.0625, 0.0625, 0.0625, 0.0312])
     """
+    if d_rotation is None and d_material_angular_velocity is None:
+        raise ValueError(
+            "give d_rotation= or d_material_angular_velocity=, the derivatives of f by the stored states, (n, 3); "
+            "those of the states themselves are what sensitivities returns"
+        )
     problem = posed("gradient", system, keywords, OfStored)
     begin = start_of(problem)
     plan = plan_of(problem, begin)

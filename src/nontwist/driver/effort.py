@@ -48,7 +48,7 @@ from ..models.system import DirectorSystem, as_system
 from . import completion
 from .parameters import Parameters
 from .planning import planned
-from .starts import AT_REST, last_attitude
+from .starts import AT_REST, one_attitude
 from .steering import Steering, steered
 
 if TYPE_CHECKING:
@@ -163,9 +163,7 @@ def least_effort(
     system = as_system(system)
     require_nontwisting(system)
     T, n = float(as_positive(t_end, "t_end", (), "s")), as_whole(nodes, "nodes", FEWEST, MOST)
-    from scipy.spatial.transform import Rotation
-
-    begin, end = (Rotation.from_quat(last_attitude(value, scalar_first)[0]) for value in (start, target))
+    begin, end = (one_attitude(x, scalar_first, name) for name, x in (("start", start), ("target", target)))
     way, trace = steered(begin, end), float(np.trace(system.inertia))
     transfer = Transfer(system.inertia / trace, begin.inv() * end, n)
     y, gradient, gap = solved(transfer, transfer.along(way)) if way.length > 0 else (np.zeros(2 * n), 0.0, 0.0)

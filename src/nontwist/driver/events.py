@@ -65,6 +65,9 @@ class Event(NamedTuple):
                 found[k] = as_number(self.function(state.time, state), "its value")
             except Exception as error:
                 what = str(error) if isinstance(error, ValueError) else f"{type(error).__name__}: {error}"
+                if type(state).__name__ in what:
+                    has = ", ".join(name for name in dir(state) if not name.startswith("_"))
+                    what += f"; the state has the attributes {has}"
                 raise ValueError(f"the event {self.name} fails at t = {state.time:.12g} s: {what}") from error
         return found
 

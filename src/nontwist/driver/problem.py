@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypedDict, TypeVar, Unpack
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..geometry.values import meant
+from ..geometry.values import unknown_keyword
 from ..integrators import DEFAULT, Integrator
 from ..loads import Load, Term, as_load
 from ..models.stack import SystemStack, stacked
@@ -152,11 +152,7 @@ def refuse_unknown(function: str, keywords: Mapping[str, Any], group: type) -> N
     """Raise a TypeError where a group has no such keyword."""
     known = group.__annotations__
     for name in keywords.keys() - known.keys():
-        from difflib import get_close_matches
-
-        near = meant(name, known) or get_close_matches(name, known, 1, 0.65)
-        hint = f"did you mean {' or '.join(f'{one}=' for one in near)}?" if near else f"it takes {', '.join(known)}"
-        raise TypeError(f"{function}() got an unexpected keyword argument {name!r}; {hint}")
+        raise unknown_keyword(function, name, known)
 
 
 class Problem:
@@ -335,7 +331,9 @@ def prepared(problem: Problem) -> Prepared:
     if "load_scale" in problem.given:
         raise ValueError("load_scale is that of an ensemble; multiply the load of one run: load=2 * load")
     begin = start_of(problem)
-    return Prepared(plan_of(problem, begin)._replace(shows="between"), begin, as_events(problem.events))
+    plan, events = plan_of(problem, begin), as_events(problem.events)
+    shows: Literal["between", "nothing"] = "between" if events or plan.output_times is None else "nothing"
+    return Prepared(plan._replace(shows=shows), begin, events)
 
 
 def start_of(problem: Problem) -> Starts:

@@ -63,8 +63,9 @@ def simulate(
         at all stored states. `error_estimate` is the difference of two runs.
     t_start : float, s, optional
         By default 0, or the end of `start`.
-    start : Dataset or Trajectory, optional
-        Continue from the last state of a run, including the director velocities. A motion without velocities (see
+    start : Dataset, Trajectory or BodyState, optional
+        Continue from the last state of a run, including the director velocities; or from a state that an event or a
+        stepper has seen, with its time, and its wheels if the load has them. A motion without velocities (see
         `rotation`) provides only its last attitude, with a warning where it has times. If whole steps of that run lead
         to `t_end`, its time grid is continued as well: with lie-midpoint and energy-momentum the states are then, bit
         for bit, those of a single run; otherwise they agree to round-off, or to the tolerance where steps are chosen
@@ -247,6 +248,8 @@ def resample(run: xarray.Dataset, times: ArrayLike, load: Load | Term | None = N
     >>> rotation(resample(run, [0.25, 0.333])).magnitude().round(6)
     array([0.5  , 0.666])
     """
+    if hasattr(run, "dims") and not hasattr(run, "data_vars"):
+        raise ValueError("resample takes runs, whose equations it integrates; Slerp of SciPy interpolates a recording")
     run = as_dataset(run, RUN, NEEDED, ("system", "integrator", "load"))
     t, x = run["time"].values, as_array(times, "times", (None,))
     if t.size < 2:

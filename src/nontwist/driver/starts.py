@@ -73,6 +73,11 @@ class BodyState:
         return self._numbers[7:]
 
     @property
+    def _carried(self) -> tuple[tuple[float, ...], tuple[Column, ...]]:
+        """The internal states from which a run goes on, and where those of wheels are if not as in the load of it."""
+        return self._numbers[7:], ()
+
+    @property
     def wheel_momentum(self) -> tuple[float, ...]:
         """Axial momentum of each wheel in space, kg m² s⁻¹."""
         return tuple(one[0] for one in self._wheels)
@@ -206,10 +211,16 @@ def starts(
         if given is None and hasattr(start, "time"):
             warn(InputWarning("start-at-rest", time=t_start or 0))
         attitude = rotation if start is None else start
-        p = _quaternions(attitude, scalar_first) if many else last_attitude(attitude, scalar_first)
+        p = _quaternions(attitude, scalar_first) if many else last_attitude(attitude, scalar_first, rotation is None)
         begin, axis = Starts(p, np.zeros((1, 3)) if given is None else _vectors(given, name, many)), systems.axis
     elif given is not None:
         raise ValueError("start= is a run and brings its velocities; leave the angular velocity out")
+    elif isinstance(start, BodyState):
+        axis = systems.axis
+        if begin.internal is not None and not (load and load.remembering):
+            raise ValueError(
+                f"start= has {begin.internal.size} internal states, of wheels or memory, and the load none"
+            )
     else:
         axis, records = _new_axis(start, systems), _records(start)
         begin = begin._replace(wheels=tuple(recorded_wheels(records)))
@@ -241,12 +252,24 @@ def as_rotation(value: Any, scalar_first: bool | None = None) -> Any:
     return rotation(value, scalar_first=scalar_first)
 
 
-def last_attitude(rotation: Any, scalar_first: bool | None) -> Array:
-    """Return the quaternion of an attitude, of a motion the last, (1, 4)."""
+def last_attitude(rotation: Any, scalar_first: bool | None, is_motion: bool = False) -> Array:
+    """Return the quaternion of an attitude, of a motion the last, (1, 4); errors as `one_attitude`."""
     if rotation is None:
         return AT_REST.quaternion
-    R = as_rotation(rotation, scalar_first=scalar_first)
-    return (R if R.single else R[-1]).as_quat()[None]
+    return one_attitude(rotation, scalar_first, "rotation", is_motion).as_quat()[None]
+
+
+def one_attitude(value: Any, scalar_first: bool | None, name: str, is_motion: bool = False) -> Rotation:
+    """Return an attitude, of a motion the last; a ValueError where several have no times and are not called one."""
+    R: Rotation = as_rotation(value, scalar_first=scalar_first)
+    if R.single:
+        return R
+    has_times = "time" in value.dims if hasattr(value, "dims") else hasattr(value, "time") or hasattr(value, "columns")
+    if len(R) > 1 and not (is_motion or has_times):
+        raise ValueError(
+            f"{name} must be one attitude, got {len(R)}: {name}=Q[0] is the first; simulate_ensemble takes several"
+        )
+    return R[-1]
 
 
 def _quaternions(rotation: Any, scalar_first: bool | None) -> Array:
@@ -324,6 +347,10 @@ def without_spin(W: Any, axis: Any) -> tuple[tuple[Any, Any, Any], Any, Any]:
 
 def last_state(start: Any) -> Starts | None:
     """Return the last state of a run, or None where `start` holds no velocities."""
+    if isinstance(start, BodyState):
+        z, wheels = start._carried
+        p, W = np.array([start.quaternion]), np.array([start.material_angular_velocity])
+        return Starts(p, W, time=start.time, internal=np.array([z]) if z else None, wheels=wheels)
     if hasattr(start, "data_vars"):
         start = as_dataset(start, "a run for start=", [name for name in NEEDED if name in start])
     if not hasattr(start, "director_velocities"):

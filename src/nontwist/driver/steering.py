@@ -34,7 +34,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..geometry.arrays import Array, as_floats
-from .starts import as_rotation
+from ..geometry.values import hinted
+from .starts import one_attitude
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
@@ -129,6 +130,7 @@ class Steering:
         return self.length * (np.cos(angle)[..., None] * p + np.sin(angle)[..., None] * across)
 
 
+@hinted
 def steer(start: Any, target: Any, *, scalar_first: bool | None = None) -> Steering:
     """Return the shortest motion without twist from one attitude to another.
 
@@ -161,7 +163,7 @@ def steer(start: Any, target: Any, *, scalar_first: bool | None = None) -> Steer
     >>> round(np.degrees(way.length).item(), 1)
     26.8
     """
-    begin, end = (_attitude(value, scalar_first) for value in (start, target))
+    begin, end = (one_attitude(x, scalar_first, name) for name, x in (("start", start), ("target", target)))
     return steered(begin, end)
 
 
@@ -172,11 +174,6 @@ def _fraction(value: ArrayLike) -> Array:
     if t.ndim > MOST_AXES:
         raise ValueError(f"fraction has {t.ndim} axes, more than {MOST_AXES}")
     return t
-
-
-def _attitude(value: Any, scalar_first: bool | None) -> Rotation:
-    R = as_rotation(value, scalar_first=scalar_first)
-    return R if R.single else R[-1]
 
 
 def steered(start: Rotation, target: Rotation) -> Steering:

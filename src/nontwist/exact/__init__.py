@@ -1,5 +1,6 @@
 """Closed-form solutions, each with its source, domain and accuracy; plain arrays in and out, no run and no dataset."""
 
+from ..geometry.values import public
 from .free_bodies import free_nontwisting, free_standard, symmetric_top
 from .geometric_phases import latitude_turn, momentum_period, montgomery_angle, polygon_turn
 from .gyrostats import free_gyrostat
@@ -29,3 +30,4 @@ __all__ = [
     "suslov_velocity",
     "symmetric_top",
 ]
+public(__name__)

@@ -60,12 +60,12 @@ def fit_inertia(
 
     Parameters
     ----------
-    recording : path, Dataset, DataArray, (times, rates) or (times, rates, speeds); or a list of them
-        Files with the columns of a gyroscope and its time; what `nontwist.sensors.gyroscope` returns; a run of
-        `simulate`; or arrays: times, (n,), s, angular velocities in the axes of the sensor, (n, 3), rad/s, and speeds
-        of a rotor, (n,), rad/s. Attitudes, body to space, are given as what `read_motion` returns, or as a Rotation of
-        length n in place of the angular velocities or after them. Several recordings of one body by one sensor are
-        fitted together.
+    recording : path, DataFrame, Dataset, DataArray, (times, rates) or (times, rates, speeds); or a list of them
+        Files or tables with the columns of a gyroscope and its time; what `nontwist.sensors.gyroscope` returns; a run
+        of `simulate`; or arrays: times, (n,), s, angular velocities in the axes of the sensor, (n, 3), rad/s, and
+        speeds of a rotor, (n,), rad/s. Attitudes, body to space, are given as what `read_motion` returns, or as a
+        Rotation of length n in place of the angular velocities or after them. Several recordings of one body by one
+        sensor are fitted together.
     interval : (float, float), "free" or "all", optional
         Which part of each recording is fitted, s. "free", the default: from release to catch, found from the
         accelerometer if there is one and the body is thrown, otherwise the longest interval in which a body on which

@@ -57,6 +57,7 @@ from ..recordings.attitudes import Motion
 from ..recordings.motions import measured_quaternions, raw_motion
 from ..recordings.options import require_plain
 from ..recordings.reading import Rates, of_run, read_motion, read_rates, speed_factor
+from ..recordings.table import is_file
 from .bodies import Model, of_keys
 from .motions import Line
 
@@ -329,7 +330,7 @@ def as_readings(recording: Any, reading: dict[str, Any], use: str, attitudes: di
     many = recording if isinstance(recording, list) else [recording]
     if not many:
         raise ValueError("recording is an empty list: name at least one file")
-    if not any(isinstance(one, (str, os.PathLike)) or callable(getattr(one, "read", None)) for one in many):
+    if not any(map(is_file, many)):
         own = {key: value for key, value in reading.items() if key not in ("speed", "speed_unit")}
         require_plain(own | attitudes)
     names = [f"recording {k + 1}" for k in range(len(many))] if len(many) > 1 else ["the recording"]
@@ -361,7 +362,7 @@ def _reading(one: Any, name: str, reading: dict[str, Any], use: str, attitudes: 
         if callable(getattr(one, "read", None)):
             text = one.read()
             rest, again = io.StringIO(text), io.StringIO(text)
-        else:
+        elif isinstance(one, (str, os.PathLike)):
             name = str(one)
         how = {key: value for key, value in reading.items() if key in (*SHARED, "columns") and value is not None}
         if use == "both":
@@ -400,7 +401,7 @@ def _attitudes(motion: Motion, quaternions: Array, name: str, notes: tuple[str, 
 
 def _rates(one: Any, name: str, reading: dict[str, Any], quaternions: Array | None) -> Rates:
     """Return one recording, checked and cleaned."""
-    if isinstance(one, (str, os.PathLike)) or callable(getattr(one, "read", None)):
+    if is_file(one):
         try:
             return read_rates(one, **reading, quaternions=quaternions)
         except InputError as error:
@@ -417,7 +418,7 @@ def _rates(one: Any, name: str, reading: dict[str, Any], quaternions: Array | No
                 raise ValueError(f"{what} must have the shape {shape} as there are {n} times, got {array.shape}")
         speed = arrays[2] * speed_factor(reading.get("speed_unit")) if len(arrays) == 3 else None
         return Rates(time, arrays[1], name, ("rates: as given",), None, speed, quaternions).cleaned()
-    raise ValueError(f"{name} must be a path, a Dataset, or (times, rates); got {short_repr(one)}")
+    raise ValueError(f"{name} must be a path, a DataFrame, a Dataset, or (times, rates); got {short_repr(one)}")
 
 
 def spun(one: Rates, spin: Any, speed_unit: str | None = None) -> Rates:

@@ -124,6 +124,8 @@ def as_array(value: ArrayLike, name: str, shape: Shape, largest: float = LARGEST
     ValueError
         As `as_floats`; another shape, or an entry that is not finite or too large (the message names its index).
     """
+    if shape == () and isinstance(value, (bool, np.bool_)):
+        raise ValueError(f"{name} must be a number, got {value}")
     array = as_floats(value, name)
     tail = shape[1:] if shape[:1] == (...,) else shape
     given = array.shape if tail == shape else array.shape[max(0, array.ndim - len(tail)) :]

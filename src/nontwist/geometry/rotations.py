@@ -24,6 +24,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from .arrays import EPS, TOLERANCE, Array, as_number, dot, norm, ratio, refuse, stack, unit_vectors
 from .attitudes import quaternion_column
+from .values import public
+
+public(__name__)
 
 # |B_2|, |B_4|, ..., |B_22|
 _BERNOULLI = np.array([1, 1, 1, 1, 5, 691, 7, 3617, 43867, 174611, 854513])

@@ -23,7 +23,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .arrays import EPS, TINY, TOLERANCE, Array, as_array, as_number, dot, norm, ratio, refuse, stack, unit_vectors
-from .values import as_function
+from .values import as_function, public
+
+public(__name__)
 
 # Central difference of order 8
 _OFFSETS = np.array([-4, -3, -2, -1, 1, 2, 3, 4])

@@ -4,14 +4,19 @@ from __future__ import annotations
 
 import math
 import os
+import sys
 from collections import UserDict
 from collections.abc import Callable, Collection, Iterable, Mapping
+from functools import wraps
+from inspect import signature
 from numbers import Integral
 from pathlib import Path
+from types import ModuleType
 from typing import Any, TypeVar
 
 _LONGEST_REPR = 80  # characters of a value in a message
 T = TypeVar("T", bound=type)
+F = TypeVar("F", bound=Callable[..., Any])
 
 
 class Registry(UserDict[str, T]):
@@ -115,6 +120,17 @@ ALIASES = {  # names of other programs
     "inertia": "J I",
     "mass": "m",
     "gravity": "g",
+    "centre_of_mass": "length l com",
+    "body_moment": "torque moment force",
+    "space_moment": "torque moment force",
+    "wheel_torque": "torque",
+    "time": "t t0 t_start rate",
+    "speed": "rpm omega omega0 W",
+    "length": "height h",
+    "angle_unit": "degrees deg",
+    "of_ellipsoid": "of_sphere of_ball sphere",
+    "of_cylinder": "of_rod of_disc of_disk cylinder",
+    "of_cuboid": "of_box of_block box",
 }
 
 
@@ -131,6 +147,53 @@ def guess(word: Any, known: Iterable[str], quote: str = "") -> str:
     name = word.casefold() if isinstance(word, str) else ""
     near = get_close_matches(name, small, 1) or [part for part in name.split("_") if part in small]
     return f"did you mean {quote}{small[near[0]]}{quote}? " if near else ""
+
+
+def unknown_keyword(function: str, name: str, known: Collection[str]) -> TypeError:
+    """Return the error of a call with a keyword that a function does not have."""
+    from difflib import get_close_matches
+
+    near = meant(name, known) or get_close_matches(name, known, 1, 0.65)
+    hint = f"did you mean {' or '.join(f'{one}=' for one in near)}?" if near else f"it takes {', '.join(known)}"
+    return TypeError(f"{function}() got an unexpected keyword argument {name!r}; {hint}")
+
+
+def hinted(function: F) -> F:
+    """Make a function say what it takes, or which keyword is meant, where it is called with something else."""
+
+    @wraps(function)
+    def call(*arguments: Any, **keywords: Any) -> Any:
+        try:
+            return function(*arguments, **keywords)
+        except TypeError as error:
+            known = [name for name in signature(function).parameters if name != "self"]
+            if wrong := [name for name in keywords if name not in known]:
+                raise unknown_keyword(function.__qualname__, wrong[0], known) from None
+            if error.__traceback__ is None or error.__traceback__.tb_next is not None:  # not of the call itself
+                raise
+            raise TypeError(f"{error}; it takes {', '.join(known)}") from None
+
+    return call  # type: ignore[return-value]
+
+
+class PublicModule(ModuleType):
+    """A module of the public interface: it lists its public names alone, and guesses which of them is meant."""
+
+    def __dir__(self) -> list[str]:
+        own = (name for name, x in vars(self).items() if getattr(x, "__module__", "") == self.__name__)
+        return vars(self).get("__all__") or [name for name in own if not name.startswith("_")]
+
+    def __getattr__(self, name: str) -> Any:
+        known = [] if name.startswith("_") else dir(self)
+        near = " or ".join(meant(name, known))
+        hint = f"did you mean {near}? " if near else guess(name, known)
+        has = f"; {hint}it has {', '.join(known)}" if known else ""
+        raise AttributeError(f"module {self.__name__!r} has no attribute {name!r}{has}")
+
+
+def public(name: str) -> None:
+    """Make a module, by its name, one of the public interface."""
+    sys.modules[name].__class__ = PublicModule
 
 
 def nearest(word: Any, known: Iterable[str]) -> str:

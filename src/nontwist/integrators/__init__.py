@@ -3,7 +3,7 @@
 from ..errors import SimulationError as SimulationError
 from ..errors import SimulationInterrupt as SimulationInterrupt
 from ..errors import Status as Status
-from ..geometry.values import Registry
+from ..geometry.values import Registry, public
 from .base import IVP as IVP
 from .base import Integrator as Integrator
 from .base import unregistrable
@@ -22,3 +22,4 @@ DEFAULT = Gauss.name
 """The integrator of runs, ensembles, propagators, run files and sweeps that name none."""
 
 __all__ = ["INTEGRATORS", "Continuous", "EnergyMomentum", "Exact", "Gauss", "LieMidpoint", "Split"]
+public(__name__)

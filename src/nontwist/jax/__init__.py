@@ -28,10 +28,11 @@ from ..driver.starts import last_attitude
 from ..driver.varied import Varied
 from ..geometry.arrays import as_array
 from ..geometry.attitudes import attitudes
-from ..geometry.values import short_repr
+from ..geometry.values import public, short_repr
 from ..models.system import DirectorSystem, as_system
 
 __all__ = ["function"]
+public(__name__)
 
 
 @takes(OfNodes, store="end", material_angular_velocity=(0.0, 0.0, 0.0))

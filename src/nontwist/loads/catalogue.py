@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..geometry.arrays import Array, as_array, as_floats, as_tensor, increasing
-from ..geometry.values import as_function, as_list, short_repr
+from ..geometry.values import as_function, as_list, hinted, short_repr
 from .base import Load
 from .friction import DryFriction
 from .functions import as_c_function, is_c_function
@@ -442,6 +442,7 @@ def dry_friction(limit: float, axis: ArrayLike | None = None) -> Load:
     return made(DryFriction, limit, axis)
 
 
+@hinted
 def wheel(
     axis: ArrayLike,
     inertia: float,

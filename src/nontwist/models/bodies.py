@@ -20,12 +20,14 @@ from numpy.typing import ArrayLike
 
 from ..errors import warn
 from ..geometry.arrays import Array, as_array, as_axis, as_positive
+from ..geometry.values import hinted, short_repr
 from .spin import Spin
 from .system import DirectorSystem, as_system, convected_inertia, euler_inertia, keep, require_mass, require_principal
 
 D3 = np.array([0.0, 0.0, 1.0])
 
 
+@hinted
 def standard(inertia: ArrayLike, *, physical: bool = True) -> DirectorSystem:
     """Return the standard rigid body, free to turn about a fixed point (eq-standard, eq_weak_form_rigid_body).
 
@@ -59,6 +61,7 @@ def standard(inertia: ArrayLike, *, physical: bool = True) -> DirectorSystem:
     return DirectorSystem(euler_inertia(inertia, physical=physical), name="standard", physical=physical)
 
 
+@hinted
 def nontwisting(
     inertia: ArrayLike, spin: float | tuple[ArrayLike, ArrayLike] | Spin | None = None, *, physical: bool = True
 ) -> DirectorSystem:
@@ -111,6 +114,7 @@ def nontwisting(
     return DirectorSystem(E, D3, name="nontwisting", spin=spin, physical=physical)
 
 
+@hinted
 def suslov(inertia: ArrayLike, axis: ArrayLike, *, physical: bool = True) -> DirectorSystem:
     """Return the Suslov body, which may not turn about a given body axis, principal or not.
 
@@ -149,6 +153,7 @@ def suslov(inertia: ArrayLike, axis: ArrayLike, *, physical: bool = True) -> Dir
     return DirectorSystem(euler_inertia(inertia, physical=physical, axis=n), n, name="suslov", physical=physical)
 
 
+@hinted
 def heavy_top(
     inertia: ArrayLike,
     mass: float,
@@ -197,6 +202,7 @@ def heavy_top(
     return top
 
 
+@hinted
 def with_gravity(
     system: DirectorSystem, mass: float, centre_of_mass: ArrayLike, gravity: ArrayLike = (0, 0, -9.81)
 ) -> DirectorSystem:
@@ -239,6 +245,8 @@ def with_gravity(
     """
     system = as_system(system)
     m = float(as_positive(mass, "mass", (), "kg"))
+    if np.isscalar(gravity):
+        raise ValueError(f"gravity must be a vector in space, as (0, 0, -9.81), got {short_repr(gravity)}")
     rho, g = as_array(centre_of_mass, "centre_of_mass", (3,)), as_array(gravity, "gravity", (3,))
     if system.physical:
         require_mass(system.euler_inertia, m, rho)

@@ -30,11 +30,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..geometry.arrays import Array, as_array, as_direction, as_positive, refuse
+from ..geometry.values import hinted
 from .system import SYMMETRY, checked_inertia, convected_inertia, euler_inertia, require_mass
 
 ON_A_LINE = 1e-14  # second moment across the line through all points, relative to that along it: below is round-off
 
 
+@hinted
 def of_points(
     masses: ArrayLike, positions: ArrayLike, about: ArrayLike | Literal["centre_of_mass"] = (0, 0, 0)
 ) -> Array:
@@ -90,6 +92,7 @@ def of_points(
     return convected_inertia(largest * np.outer(axes[:, 2], axes[:, 2]) if second <= ON_A_LINE * largest else E)
 
 
+@hinted
 def of_cuboid(mass: float, lengths: ArrayLike) -> Array:
     """Return the inertia of a solid cuboid about its centre.
 
@@ -121,6 +124,7 @@ def of_cuboid(mass: float, lengths: ArrayLike) -> Array:
     return convected_inertia(np.diag(m * l**2 / 12))
 
 
+@hinted
 def of_cylinder(
     mass: float, radius: float, length: float, *, inner_radius: float = 0.0, axis: ArrayLike = (0, 0, 1)
 ) -> Array:
@@ -162,6 +166,7 @@ def of_cylinder(
     return m * (R**2 + r**2) / 2 * along + m * (3 * (R**2 + r**2) + L**2) / 12 * (np.eye(3) - along)
 
 
+@hinted
 def of_ellipsoid(mass: float, semi_axes: ArrayLike) -> Array:
     """Return the inertia of a solid ellipsoid about its centre.
 

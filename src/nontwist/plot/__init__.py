@@ -5,6 +5,7 @@ returns its axes, which a notebook shows. `new_axes` makes figures one or two co
 the type of other journals, `save` writes files.
 """
 
+from ..geometry.values import public
 from .comparisons import work_precision
 from .histories import (
     directors,
@@ -40,3 +41,4 @@ __all__ = [
     "twist_angle",
     "work_precision",
 ]
+public(__name__)

@@ -20,7 +20,7 @@ from ..geometry.values import counted
 from .attitudes import MEASURED, Motion, of_table
 from .checks import as_turns
 from .options import ReadOptions
-from .table import Content, Lines, Table, numbered, place
+from .table import Lines, of_frame, place
 from .times import seconds
 
 if TYPE_CHECKING:
@@ -77,13 +77,12 @@ def raw_motion(motion: Any, scalar_first: bool | None) -> Motion:
     if hasattr(motion, "as_quat"):
         return Motion(np.asarray(motion.as_quat()))
     if hasattr(motion, "columns") and hasattr(motion, "iloc"):
-        columns = (motion.iloc[:, k].to_numpy() for k in range(motion.shape[1]))
-        content = Content(Table(dict(zip(numbered(map(str, motion.columns)), columns, strict=True))))
+        content = of_frame(motion)
         try:
             found = of_table(content, ReadOptions())
         except InputError as error:
             if error.code != "scalar-unknown":
-                raise error.about("the table (read_motion takes options, of table.to_csv(file))") from error
+                raise error.about("the table (read_motion takes it with options)") from error
             if scalar_first is None:
                 raise
             found = of_table(content, ReadOptions(scalar_first=scalar_first))

@@ -89,7 +89,7 @@ NO_ORIENTATION = "no columns contain an orientation (qw qx qy qz, or r11 ... r33
 OMIT = "; omit it, or rename the columns"
 SENTENCES |= {
     # files
-    "source": "source must be a path or a text stream, got {value}",
+    "source": "source must be a path, a text stream or a DataFrame, got {value}",
     "no-content": "the file has no content (0 bytes); export the recording again",
     "packed": "it is {packed}: unpack it, and read the files inside",
     "json": "it is JSON: export the recording as CSV, with a header for each column",
@@ -132,7 +132,9 @@ SENTENCES |= {
     # orientations
     "no-orientation": NO_ORIENTATION + ": {names}; name the columns to use: {option[columns]}, with {option[euler]} or "
     "{option[rotation_vector=True]} for angles",
-    "gyroscope-alone": NO_ORIENTATION + ": {names}; fit_inertia and nontwist fit read {gyroscope}" + OR_COLUMNS,
+    "gyroscope-alone": NO_ORIENTATION + ": {names}; {gyroscope} are of a gyroscope, which has no attitude: "
+    "integrate it first, as AngularRate of the package ahrs does; fit_inertia and nontwist fit read it as it is"
+    + OR_COLUMNS,
     "markers": NO_ORIENTATION + ", but {markers} look like markers: the page on recordings makes attitudes of three",
     "three-of-four": "the columns {three} are three of a quaternion, without {fourth!r}; export it" + OR_COLUMNS,
     "attitudes": "{name} is for columns; the file has attitudes ({names}): omit it, or name three: {option[columns]}",

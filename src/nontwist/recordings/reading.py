@@ -6,7 +6,7 @@ import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TextIO
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -24,7 +24,7 @@ from .formats import BEGINNINGS, READERS
 from .headers import ACCELEROMETER, GYROSCOPE, plain, rate_unit, sensors
 from .motions import kept_rows
 from .options import ReadOptions, require_plain
-from .table import Content, Lines, Table, listed, named_columns, of_one_sensor, own_rows
+from .table import Content, Lines, Table, listed, named_columns, of_frame, of_one_sensor, own_rows
 from .text import read_text
 from .times import clock
 
@@ -39,14 +39,12 @@ COLUMNS = ("time", "rates", "acceleration", "speed", "quaternions")
 
 
 @takes(ReadOptions)
-def read_motion(
-    source: str | os.PathLike[str] | TextIO, columns: Sequence[str] | None = None, **options: Any
-) -> xarray.DataArray:
+def read_motion(source: Any, columns: Sequence[str] | None = None, **options: Any) -> xarray.DataArray:
     r"""Read a recorded motion from a file, as input of `twist` and `rotation`.
 
     Parameters
     ----------
-    source : path or text stream
+    source : path, text stream or DataFrame
         CSV in its dialects, OpenSim (.sto, .mot), Xsens MVNX, BVH, NumPy (.npy, .npz), MATLAB (.mat), C3D, ROS bags,
         SPICE kernels (.tm), Gyroflow (.gcsv), or runs of this package (.nc); a stream is CSV.
     {ReadOptions}
@@ -90,13 +88,15 @@ def read_motion(
     return _array((of_bodies if is_of_format else of_table)(content, how))
 
 
-def read_content(source: str | os.PathLike[str] | TextIO, how: ReadOptions) -> Content:
+def read_content(source: Any, how: ReadOptions) -> Content:
     """Return what the reader of a file, or of a stream of text, finds in it.
 
     A file that does not fit into memory, or that changes while it is read, is refused.
     """
     if callable(getattr(source, "read", None)):
         return read_text(source, how)
+    if hasattr(source, "columns") and hasattr(source, "iloc"):
+        return of_frame(source)
     if not isinstance(source, (str, os.PathLike)):
         raise InputError("source", value=short_repr(source))
     path = Path(source)
@@ -181,7 +181,7 @@ class Rates:
 
 
 def read_rates(
-    source: str | os.PathLike[str] | TextIO,
+    source: Any,
     columns: Sequence[str] | None = None,
     *,
     unit: str | None = None,
@@ -205,7 +205,7 @@ def read_rates(
     how = ReadOptions(columns=columns, **options)
     if not (unit is None or isinstance(unit, str)):
         raise InputError("type", name="unit", words="a text", value=short_repr(unit))
-    name = str(source) if isinstance(source, (str, os.PathLike)) else "the stream"
+    name = str(source) if isinstance(source, (str, os.PathLike)) else "the table"
     if isinstance(source, (str, os.PathLike)) and Path(source).suffix.lower() in (".nc", ".nc4", ".h5"):
         if speed is not None:
             raise InputError("no-speed", speed=speed)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import warnings
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
@@ -155,6 +156,17 @@ class Content:
     notes: tuple[str, ...] = ()
     lines: Lines | None = None
     directed: bool = True
+
+
+def is_file(source: Any) -> bool:
+    """Return whether a recording is to be read: from a path, a stream, or a DataFrame."""
+    return isinstance(source, (str, os.PathLike)) or callable(getattr(source, "read", None)) or hasattr(source, "iloc")
+
+
+def of_frame(frame: Any) -> Content:
+    """Return the columns of a DataFrame."""
+    columns = (frame.iloc[:, k].to_numpy() for k in range(frame.shape[1]))
+    return Content(Table(dict(zip(numbered(map(str, frame.columns)), columns, strict=True))))
 
 
 def of_one_sensor(table: Table, how: ReadOptions) -> tuple[Table, ReadOptions, tuple[str, ...]]:

@@ -45,7 +45,7 @@ from ..geometry.arrays import EPS, Array, arcs, as_array, as_floats, principal_a
 from ..geometry.frame_kernels import transport
 from ..geometry.frames import estimates, rolls, triad_about
 from ..geometry.path_kernels import angles, body_axes
-from ..geometry.values import among, counted, short_repr
+from ..geometry.values import among, counted, hinted, short_repr
 from .counting import as_direction
 from .motions import Samples, given_motion
 from .relative import CLOCKS, relative_motion
@@ -60,6 +60,7 @@ ANTIPODAL = 1e-7
 _LOST = 16 * EPS
 
 
+@hinted
 def twist(
     motion: Any,
     time: ArrayLike | None = None,

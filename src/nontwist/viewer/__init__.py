@@ -18,7 +18,7 @@ from pathlib import Path
 from string import Template
 from typing import TYPE_CHECKING, Any
 
-from ..geometry.values import short_repr
+from ..geometry.values import hinted, short_repr
 from ..io.whole import written
 from .content import as_script, contents
 from .drawing import Motion, camera_of
@@ -92,6 +92,7 @@ class View:
         return f'<iframe title="{title}" style="{style}" sandbox="allow-scripts" srcdoc="{document}"></iframe>'
 
 
+@hinted
 def view(
     run: xarray.Dataset | Trajectory | Any,
     other: xarray.Dataset | Trajectory | Any = None,
@@ -141,8 +142,8 @@ def view(
     >>> page.save("two-bodies.html").name
     'two-bodies.html'
     """
-    if isinstance(run, dict):
-        raise ValueError("view accepts one run or two, view(a, b), not a dictionary")
+    if isinstance(run, (dict, list, tuple)):
+        raise ValueError(f"view accepts one run or two, view(a, b), not a {type(run).__name__}")
     if title is not None and not isinstance(title, str):
         raise ValueError(f"title must be a string, got {short_repr(title)}")
     shows = contents([run] if other is None else [run, other], labels)

@@ -330,3 +330,18 @@ def test_loads_with_memory(load, others):
     assert found.attitude_order.sel(integrator="gauss 2")[-1] == pytest.approx(2, abs=0.1)
     assert found.attitude_error.sel(integrator="gauss 8")[-1] < 1e-12
     assert "DOP853" not in found.attrs["reference"]
+
+
+@pytest.mark.parametrize(("seconds", "rounds"), [(0.02, 5), (0.06, 3), (0.2, 1), (0.4, 1)])
+def test_calls_that_take_long_in_all_are_repeated_less(seconds, rounds, monkeypatch):
+    """Of a clock that moves by what each of 40 calls takes: rounds begin as long as it is not past 5 s."""
+    clock, calls = [0.0], []
+
+    def call():
+        clock[0] += seconds
+        calls.append(clock[0])
+
+    monkeypatch.setattr("nontwist.comparison.comparing.perf_counter", lambda: clock[0])
+    best = comparing.shortest_times(dict.fromkeys(range(40), call), 5)
+    assert len(calls) == 40 * rounds
+    assert list(best.values()) == pytest.approx([seconds] * 40)

@@ -76,7 +76,7 @@ def compare(
         automatic step (of 0.05 rad) to half of it, with the breakpoints of the load as nodes; `step` is the longest
         one. Integrators that take no steps have the same numbers at all of them.
     repeats : int
-        Number of timed runs; the shortest time counts.
+        Number of timed runs, fewer where they take more than 5 s in all; the shortest time counts.
     progress : bool
         Show a bar on stderr.
 
@@ -273,7 +273,7 @@ def _integrator(choice: Choice) -> Integrator:
 # The runs of a comparison: each is compared with the reference once, and then timed.
 
 
-REFUSED, LONG, SHORT = -1, 0.3, 0.01
+REFUSED, LONG, SHORT, ENOUGH = -1, 0.3, 0.01, 5.0
 
 
 def compared(
@@ -314,13 +314,15 @@ def texts_of(caught: list[warnings.WarningMessage]) -> set[str]:
 def shortest_times(calls: dict[Any, Callable[[], Trajectory]], repeats: int) -> dict[Any, float]:
     """Return the shortest time of each call, s; calls alternate, so that a slow phase of the machine affects all alike.
 
-    A call that took longer than `LONG` is not repeated. One shorter than `SHORT` is timed twice in a row: the first
-    time includes what other calls have left cold.
+    A call that took longer than `LONG` is not repeated, nor is any after `ENOUGH` in all. One shorter than `SHORT` is
+    timed twice in a row: the first time includes what other calls have left cold.
     """
-    best = dict.fromkeys(calls, np.inf)
+    best, begin = dict.fromkeys(calls, np.inf), perf_counter()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        for _ in range(repeats):
+        for k in range(repeats):
+            if k and perf_counter() - begin > ENOUGH:
+                break
             for key, call in calls.items():
                 for first in (True, False):
                     if best[key] < SHORT or (first and not LONG < best[key] < np.inf):

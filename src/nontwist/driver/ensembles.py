@@ -84,7 +84,8 @@ def simulate_ensemble(
         memory.
     variables : "all" or names, optional
         Variables of the stored states; by default the quaternion and the material angular velocity, from which the
-        others follow. ``()``: none, for statistics alone.
+        others follow. ``()``: none, for statistics alone. `sticking` and `dissipated_energy`, of dry friction, are
+        variables of single runs only.
     reduce : names, optional
         Statistics over all steps, whatever is stored. "drift": `energy_drift` (kinetic and potential energy less the
         work of the load) and, where momentum is conserved, `momentum_drift`. "extrema": `..._min` and `..._max` of

@@ -408,9 +408,9 @@ def dry_friction(limit: float, axis: ArrayLike | None = None) -> Load:
     About an axis a the moment is ``-limit sign(a·W) Λa``; while a·W = 0 it is what keeps a·W at 0, as long as that is
     at most the limit: the body sticks. Without an axis it is ``-limit w/|w|``, and the whole body sticks: w = 0
     exactly. `gauss` and `lie-midpoint` split their steps where the rate vanishes; other integrators refuse it, and
-    beside `coulomb` of a wheel it needs an axis. A run has the variables `sticking` and `dissipated_energy`. Where
-    friction about several axes, or about one beside a constrained axis, leaves the body a single axis to turn about, it
-    turns about this one.
+    beside `coulomb` of a wheel it needs an axis. A run has the variables `sticking` and `dissipated_energy`,
+    an ensemble has not. Where friction about several axes, or about one beside a constrained axis, leaves the body a
+    single axis to turn about, it turns about this one.
 
     Parameters
     ----------

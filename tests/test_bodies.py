@@ -5,6 +5,7 @@ The motions are compared with Euler's equations, by SciPy.
 
 import json
 import pickle
+import warnings
 from dataclasses import replace
 from functools import partial
 
@@ -134,6 +135,7 @@ def test_the_published_momentum_of_hairer_lubich_and_wanner():
     assert allclose(run.material_momentum.values[-1], printed, atol=1e-7)
 
 
+@pytest.mark.filterwarnings("ignore:energy-momentum is unstable")
 def test_the_director_scheme_keeps_energy_and_momentum_though_E_is_indefinite():
     """E has an eigenvalue of -0.75: K + V and the vertical momentum stay, the lengths too, and the order is 2."""
     assert np.linalg.eigvalsh(HEAVY.euler_inertia)[0] == pytest.approx(-0.75)
@@ -152,6 +154,40 @@ def test_the_director_scheme_keeps_energy_and_momentum_though_E_is_indefinite():
     assert np.log2(errors[0] / errors[1]) == pytest.approx(2, abs=0.05)
 
 
+@pytest.mark.parametrize(("turning", "others"), [(0, (1, 2)), (1, (0, 2)), (2, (0, 1))])
+def test_director_velocities_that_are_not_rigid_grow_where_E_is_indefinite(turning, others):
+    """About a principal axis at the rate Ω √(-E_i E_j/(J_i J_j)), which is real but about the axis where E < 0."""
+    J = np.array([5, 1.2, 0.7])
+    i, j = others
+    rate = np.sqrt(max(-np.prod((J.sum() / 2 - J)[[i, j]] / J[[i, j]]), 0.0))
+    start = np.full(3, 1e-4)
+    start[turning] = 1.0
+    how = {"step": 0.005, "integrator": "energy-momentum", "material_angular_velocity": start}
+    with pytest.warns(UserWarning, match="unstable where Euler's inertia is indefinite"):
+        run = nt.simulate(nt.standard(J, physical=False), t_end=12, **how)
+    V = run.director_velocities.values @ run.directors.values.swapaxes(1, 2)
+    size = abs(V + V.swapaxes(1, 2)).max(axis=(1, 2))
+    if rate:
+        assert np.log(size[2400] / size[1600]) / 4 == pytest.approx(rate, rel=0.1)
+    else:
+        assert size[1600:].max() < 3 * size[:800].max()
+
+
+def test_every_way_to_run_the_director_scheme_says_that_it_is_unstable():
+    body, how = nt.standard([5, 1.2, 0.7], physical=False), {"integrator": "energy-momentum"}
+    problem = nt.Problem(body, t_end=1, material_angular_velocity=(0.4, 1.1, -0.3), **how)
+    for run in (nt.simulate, nt.simulate_ensemble):
+        with pytest.warns(UserWarning, match="use gauss, lie-midpoint or split"):
+            run(problem)
+    with pytest.warns(UserWarning, match="use gauss, lie-midpoint or split"):
+        nt.stepper(body, 0.01, **how)
+    assert any("use gauss, lie-midpoint or split" in text for text in problem.forecast().warnings)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        nt.simulate(nt.standard([1, 2, 3]), t_end=1, step=0.01, **how)  # E is 0 about an axis
+
+
+@pytest.mark.filterwarnings("ignore:energy-momentum is unstable")
 @pytest.mark.parametrize(
     ("name", "body", "order"),
     [

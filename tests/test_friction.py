@@ -313,3 +313,49 @@ def test_a_steep_law_that_is_smooth_is_no_jump():
     with pytest.raises(SimulationError) as failed:
         nt.simulate(PENDULUM, t_end=6, step=0.1, load=nt.moment(steep, compiled=True), **TILTED)
     assert failed.value.status != Status.JUMP
+
+
+@pytest.mark.parametrize("axis", ["x", None])
+def test_a_body_that_slides_ever_more_slowly_comes_to_rest(axis, monkeypatch):
+    """In thick oil, where |W| falls to round-off: at the attitude where gravity has the moment of the limit."""
+    from nontwist.driver.rubbing import Rubbed
+
+    calls, advance = [], Rubbed.advance
+
+    def counted(self):
+        calls.append(self.t)
+        assert len(calls) < 1000
+        advance(self)
+
+    monkeypatch.setattr(Rubbed, "advance", counted)
+    body, load = nt.heavy_top([1.1, 1, 0.4], 1.3, (0, 0, 0.8)), nt.damping(1e3) + nt.dry_friction(0.5, axis)
+    run = nt.simulate(body, t_end=4500, rotation=Rotation.from_euler("x", 1.2), load=load)
+    assert run.directors.values[-1, 2, 1] == pytest.approx(-0.5 / (1.3 * 9.81 * 0.8), rel=1e-10)
+    assert not run.material_angular_velocity.values[-1].any()
+    assert run.sticking.values[-1].all()
+
+
+def test_a_moment_that_is_as_large_as_friction_lets_the_body_slide_on():
+    load = nt.constant((0.5, 0, 0)) + nt.dry_friction(0.5, "x")
+    run = nt.simulate(nt.standard([1, 2, 3 - 1e-9]), t_end=50, step=0.5, material_angular_velocity=(1, 0, 0), load=load)
+    assert np.allclose(run.material_angular_velocity, [1, 0, 0], rtol=0, atol=1e-13)
+
+
+def test_a_jump_is_looked_for_from_the_last_state_that_is_stored(monkeypatch):
+    """And not from the start, with half of all calls of a load in Python."""
+    from nontwist.driver import completion
+
+    marched, march = [], completion.unchecked
+    monkeypatch.setattr(completion, "unchecked", lambda *a, **b: (marched.append(a[1].steps), march(*a, **b))[1])
+    body = nt.heavy_top([1.2, 1.1, 0.5], 1.7, (0, 0, 0.6))
+    load = nt.moment(lambda t, directors, w: (-0.8 * np.sign(w[0]), 0, 0))
+    how = {"load": load, "rotation": Rotation.from_euler("x", np.pi - 2.1), "t_end": 12, "step": 0.02}
+    said, again = set(), []
+    for choice in ({}, {"store": 7}, {"store": "end"}):
+        with pytest.raises(SimulationError, match="jumps with the state") as caught:
+            nt.simulate(body, **how | choice)
+        said.add(str(caught.value))
+        again.append(sum(marched) - 600)
+        marched.clear()
+    assert len(said) == 1
+    assert again[0] == 0 < again[1] < 7 < again[2]

@@ -422,3 +422,20 @@ def test_a_run_whose_wheels_do_not_go_on_is_named():
             call(start=run.quaternion)
         with warned():
             call(start=run.quaternion, **W)
+
+
+def test_friction_that_gains_energy_is_refused_before_a_run_or_by_it():
+    """Between 3.3 and 5.55 rad/s, or 4.99 and 5.01, where nobody looks before: wheel_loss would fall."""
+    with pytest.raises(ValueError, match="must slow the wheel down, but at 3"):
+        nt.wheel("z", 1, speed=5.2, friction=lambda speed: 2 * speed * (speed - 5.55) * (speed - 3.3))
+    load = nt.wheel("z", 1, speed=5.003, friction=lambda speed: 2 * speed * ((speed - 5) ** 2 - 1e-4))
+    body, how = nt.standard([3, 4, 5]), {"t_end": 3, "step": 0.01, "load": load}
+    for choice in ({}, {"store": "end"}, {"integrator": "lie-midpoint"}):
+        with pytest.raises(SimulationError, match=r"must slow the wheel down, but at 5\.00") as caught:
+            nt.simulate(body, **how | choice)
+        assert caught.value.status == Status.LOAD
+    with pytest.warns(UserWarning, match="2 of 2 members have failed"):
+        many = nt.simulate_ensemble(body, **how, material_angular_velocity=[(0, 0, 0), (0, 0, 1)])
+    assert (many.status == Status.LOAD).all()
+    slower = nt.wheel("z", 1, speed=4.9, friction=lambda speed: 2 * speed * ((speed - 5) ** 2 - 1e-4))
+    assert np.diff(nt.simulate(body, **how | {"load": slower}).wheel_loss.values[:, 0]).min() >= 0

@@ -31,7 +31,7 @@ from ..integrators.marching import Marched
 from ..integrators.problem import FIRST, OBSERVED, onward
 from ..integrators.stepping import one_by_one
 from ..loads.base import state_moment_at
-from ..loads.memory import Memory, Wheel
+from ..loads.memory import Memory, Wheel, gain_of_energy
 from ..loads.terms import Term
 from .grid import require_resolution
 
@@ -87,7 +87,9 @@ def march(scheme: Integrator, problem: IVP, threads: int = 1) -> Outcome:
         outcome.observed[:, :, COLUMN_NAMES == "potential_energy"] += problem.load_scale[:, None, None] * V * over
     reasons = dict(outcome.reasons)
     for i in np.flatnonzero(outcome.failures[:, 0] == Status.STALLED).tolist():
-        if (failure := named_jump(scheme, problem.member(i), outcome.failure(i))) is not None:
+        last = int(outcome.good[i]) - 1
+        known = None if problem.output_times is not None else (int(problem.stored[last]), outcome.states.part(i, last))
+        if (failure := named_jump(scheme, problem.member(i), outcome.failure(i), known)) is not None:
             outcome.failures[i], reasons[i] = failure[:4], failure.reason
     for i, good, failure in _failed_members(problem, outcome):
         outcome.good[i] = good
@@ -183,6 +185,23 @@ def _failed_members(problem: IVP, outcome: Outcome) -> Iterator[tuple[int, int, 
         elif done[i] and outcome.observed is not None and not (fine := _finite_columns(outcome)[i]).all():
             name = str(COLUMN_NAMES[fine.argmin()])
             yield i, 1, problem.failed(1, Status.NOT_FINITE, OVERFLOW.format(name))
+    yield from _driven_members(problem, outcome)
+
+
+def _driven_members(problem: IVP, outcome: Outcome) -> Iterator[tuple[int, int, Failure]]:
+    """Yield members as `_failed_members` in which friction, a function, gives energy to a wheel."""
+    rubbing = [(a, wheel.friction) for a, wheel in enumerate(problem.load.wheels) if wheel.friction is not None]
+    if not rubbing:
+        return
+    acting = Acting.of(problem.load, problem.stored_times)
+    found = observables(("wheel_speed", "wheel_loss"), problem.systems, outcome.states, acting)
+    for a, friction in rubbing:
+        speed, loss = found["wheel_speed"][..., a], found["wheel_loss"][..., a]
+        for i, n in enumerate(outcome.good.tolist()):
+            for k in np.flatnonzero(np.diff(loss[i, :n]) < 0).tolist():
+                if reason := gain_of_energy(friction, np.linspace(speed[i, k], speed[i, k + 1], GLANCES)):
+                    yield i, k + 1, problem.failed(k + 1, Status.LOAD, reason)
+                    break
 
 
 def _is_safe(problem: IVP, outcome: Outcome) -> NDArray[np.bool_]:
@@ -244,21 +263,23 @@ RATES = "in z' "  # of internal states
 Value = Callable[[float, Array, Array, Array], Array]  # of time, directors as rows, W, and internal states
 
 
-def named_jump(scheme: Integrator, problem: IVP, failure: Failure | None) -> Failure | None:
-    """Return where the load of one body jumps, if that is why an iteration has stalled."""
+def named_jump(
+    scheme: Integrator, problem: IVP, failure: Failure | None, known: tuple[int, States] | None = None
+) -> Failure | None:
+    """Return where the load of one body jumps, if that is why an iteration has stalled; `known`: a node, its state."""
     from .contacts import Contacts
 
     values = list(_values(problem))
     if failure is None or not values or problem.load.is_dry:  # of which parts were looked into
         return None
     at = Contacts(scheme, problem)
-    p, W, z, t = at.state.quaternion, at.state.velocity, at.state.internal, float(problem.times(failure.step))
-    if failure.step:
-        before = unchecked(scheme, onward(problem, 0, failure.step))
+    t, (first, state) = float(problem.times(failure.step)), known or (0, None)
+    if first < failure.step:
+        before = unchecked(scheme, onward(problem, first, failure.step, state))
         if before.failure() is not None:
             return None
-        states = before.states.part(0)
-        p, W, z = states.quaternion[-1], states.velocity[-1], None if states.internal is None else states.internal[-1]
+        state = before.states.part(0, -1)
+    p, W, *_, z = state or at.state
     z = np.zeros(0) if z is None else z
     try:
         path = _path(at, t, p, W, z)

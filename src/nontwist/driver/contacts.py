@@ -204,7 +204,7 @@ class Contacts:
         return lam, b - self.S @ lam
 
     def settle(self, zero: Sequence[int], forced: Modes) -> None:
-        """Choose the modes of contacts whose rates are zero; those that are `forced` slide."""
+        """Choose the modes of contacts whose rates are zero, but for those that are `forced`."""
         own, (_, W, *_, z) = list(zero), self.state
         self.kick(own, self._inverse(*own) @ self.rates()[own])
         b, free = self.free(self.t, directors(self.state.quaternion), W, z), [k for k in zero if k not in forced]

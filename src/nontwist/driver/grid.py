@@ -195,8 +195,11 @@ def stretches_of(
             acts = (term.support[0, 0] < middles) & (middles < term.support[-1, 1])
             resolution[acts] = np.minimum(resolution[acts], term.resolution)
     least = np.diff(borders) / np.minimum(each, higher * resolution)
-    if not least.sum() <= MOST:
-        raise ValueError(f"the automatic step would take {least.sum():.3g} steps, more than {MOST:.0e}; choose a step")
+    if not (count := float(least.sum())) <= MOST:
+        raise ValueError(
+            f"the automatic step would take {count:.3g} steps, more than {MOST:.0e}; choose a step of about "
+            f"{(t_end - t_start) / count:.2g} s with gauss"
+        )
     counts = np.maximum(1, np.ceil(least * (1 - 1e-12)))
     return stretched(borders, np.where(even & (counts > 1), 2 * np.ceil(counts / 2), counts))
 

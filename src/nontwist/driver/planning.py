@@ -200,7 +200,8 @@ class Plan(NamedTuple):
         except ValueError as error:
             from .tolerance import damped_steps
 
-            raise ValueError(", or ".join(filter(None, [str(error), damped_steps(self, begin)]))) from None
+            steps = damped_steps(self, begin)
+            raise ValueError(str(error).partition("choose")[0] + f"choose {steps}" if steps else str(error)) from None
 
     def problem(self, begin: Starts, grid: Stretches, stored: NDArray[np.int64] | None = None, **options: Any) -> IVP:
         """Return the problem of the plan with a start; `stored`: the numbers of the stored steps; options of it."""

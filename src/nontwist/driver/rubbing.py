@@ -7,6 +7,10 @@
   space (`HingedSystem`). What holds it follows from its momentum.
 - Resting, W = 0 exactly and Λ constant, if nothing accelerates the body. Wheels then turn as if nothing carried them.
 
+In thick oil a body slides on to the attitude where M is c, ever more slowly, r' = -κ r, and never stops. Where r' is no
+more than the round-off of the moments, and r than what this adds to it in the part `SOON` of a step, it is taken to
+stick: the angle that is left, r/κ, is round-off as well. (The times |r/r'| of such r' would be steps without end.)
+
 Against w there is one contact, whose λ a is in c Sgn(W), the unit ball at W = 0; sticking is always rest. It ends where
 the moment that is needed, K across n, exceeds c. Where W = 0 the body starts with W' = α u, |u| = 1 and α > 0, ``(α J +
 c) u = K`` across n, whose |u| falls with α. The moment has no limit as W → 0 but along a line, which is so in plane
@@ -32,7 +36,7 @@ from ..integrators.base import IVP, Failure, Integrator, Outcome, Status
 from ..integrators.problem import Intervals, onward, started
 from ..integrators.stepping import one_by_one
 from ..loads import Load, moment
-from ..loads.friction import Sliding
+from ..loads.friction import ROUND_OFF, Sliding
 from ..loads.memory import OnBodyAtRest, Wheel
 from ..loads.potentials import GravityGradient
 from ..loads.terms import Damping
@@ -107,8 +111,11 @@ class Rubbed(Contacts):
 
     def advance(self) -> None:
         """March while modes stay, to a node at most."""
+        left, over = self.time_left()
+        if over:
+            self.settle([*self.standing, *over], dict.fromkeys(over, 0))
         stuck, (system, load, changes, told) = self.standing, self.phase()
-        one = replace(self.until(self.most, self.time_left()), systems=stacked(system), load=load)
+        one = replace(self.until(self.most, left), systems=stacked(system), load=load)
         piece, change = self.marched(one, changes)
         if not self.holds(piece):
             return
@@ -118,13 +125,18 @@ class Rubbed(Contacts):
             self.modes = {k: sign for k, sign in self.modes.items() if k not in (*zero, change.contact)}
             self.settle(zero, {change.contact: change.sign} if change.sign else {})
 
-    def time_left(self) -> float:
-        """Return the time in which the first of the rates would vanish, at its derivative here."""
+    def time_left(self) -> tuple[float, list[int]]:
+        """Return the time in which the first of the rates would vanish, at its derivative here, and what stops here."""
         _, W, *_, z = self.state
-        rates = self.rates()
-        slopes = self.holding(self.free(self.t, directors(self.state.quaternion), W, z), self.modes)[1]
-        falls = [k for k, sign in self.modes.items() if sign and sign * slopes[k] < 0 < sign * rates[k]]
-        return float(min((-rates[falls] / slopes[falls]), default=np.inf))
+        rates, k = self.rates(), self.number()
+        b = self.free(self.t, directors(self.state.quaternion), W, z)
+        slopes = self.holding(b, self.modes)[1]
+        size = abs(b) + abs(b - slopes) + abs(self.Q).max() * abs(self.body.dead_force).sum()
+        soon, least = SOON * float(self.nodes[k + 1] - self.nodes[k]), ROUND_OFF * size
+        slides = [k for k, sign in self.modes.items() if sign and sign * rates[k] > 0]
+        over = [k for k in slides if abs(slopes[k]) <= least[k] and abs(rates[k]) <= soon * least[k]]
+        falls = [k for k in slides if self.modes[k] * slopes[k] < 0 and k not in over]
+        return float(min((-rates[falls] / slopes[falls]), default=np.inf)), over
 
     def number(self, t: float | None = None) -> int:
         """Return the number of the step at whose beginning, or in which, a time is, by default that of the march."""
@@ -426,7 +438,7 @@ class Tumbling(Rubbed):
         self.state.velocity[:] = 0.0
         self.modes, self.is_plane = {0: 0}, True
         K = self._needed()
-        if np.linalg.norm(K) > self.limits[0] or forced:
+        if forced.get(0, np.linalg.norm(K) > self.limits[0]):
             start = self._rate_at_rest()
             u = start if start.any() else K
             self.modes = {0: 1}

@@ -61,6 +61,17 @@ about a course of order 2, the mean of two steps, unless W or W' is 0 at the sta
 turns its sign the step is no near-identity map of (q, q̇), and compositions do not raise the order of all variables.
 `lie_midpoint` and `gauss` have no such part.
 
+Indefinite E. ``E (V⁺ - V)`` is normal to the rigid velocities, so with V = u + E⁻¹ S, u rigid and S symmetric, a step
+without load turns E⁻¹ S into its negative at the mean directors. ``<E⁻¹ S, S>`` is constant to the lowest order in h,
+which bounds S if E is definite. In the frame of a body that turns with Ω, with -X the rigid part of Ω × E⁻¹ S, (-1)ⁿ S
+follows
+
+    S' = ½ [S, Ω̂] + ½ [E, X̂],        J X = -(tr S I - S) Ω.
+
+About a principal axis k, ``S_ik'' = -Ω² E_i E_j/(J_i J_j) S_ik``: where one of the two is negative, S grows at the rate
+``Ω √(-E_i E_j/(J_i J_j))`` from what round-off or the start give it, and ½ W·JW with it, though K is constant. At most
+one E is negative, that of the largest J; only about its axis is the rotation stable.
+
 Dissipation χ (`compiled`), for bodies without a constraint: in the principal axes, where E is diagonal, the mean
 velocities u_i = ½ (V_i + V_i⁺) move the directors by
 
@@ -89,6 +100,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal, NamedTuple
 
+import numpy as np
+
 from ..engine.generalised import EXACT, PAPER
 from ..engine.marching import Step, Text, midpoint_means, midpoint_step
 from ..engine.newton import EPS, solve
@@ -100,10 +113,15 @@ from ..kernels.dual import Dual, plain
 from ..kernels.elements import fma, larger, select, sqrt
 from ..kernels.kernel import part
 from ..kernels.vectors import Matrix, Symmetric, Vector, cross, first_moment, sum_of, taxicab
+from ..models.system import TRIANGLE
 from .base import IVP, SPIN
 from .compiled import Dissipative, Needs
 
 MOMENTS = ("paper", "exact")
+INDEFINITE = (
+    "energy-momentum is unstable where Euler's inertia is indefinite (physical=False): energy and momentum stay, but "
+    "director velocities that are not rigid grow, and the motion is wrong in the end; use gauss, lie-midpoint or split"
+)
 
 
 @dataclass(frozen=True)
@@ -165,6 +183,11 @@ class EnergyMomentum(Dissipative):
     def refusal(self, problem: IVP) -> str | None:
         """Return why a prescribed spin, or dissipation with a constrained axis, is not accepted."""
         return SPIN.format(self.name) if problem.systems.spin is not None else super().refusal(problem)
+
+    def remark(self, problem: IVP) -> str | None:
+        """Return a warning that Euler's inertia is indefinite, or about the step, or None."""
+        E = np.linalg.eigvalsh(problem.systems.euler_inertia)
+        return INDEFINITE if (E[:, 0] < -TRIANGLE * E.sum(axis=1)).any() else super().remark(problem)
 
     def text(self, motion: str) -> Text:
         """Return the text of the step."""

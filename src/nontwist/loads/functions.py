@@ -19,6 +19,7 @@ import inspect
 import pickle
 from collections.abc import Callable, Sequence
 from functools import lru_cache
+from math import isfinite
 from threading import RLock
 from typing import TYPE_CHECKING, Any, NoReturn
 from weakref import WeakValueDictionary
@@ -86,25 +87,33 @@ def checked(function: Callable[..., Any], arguments: tuple[Any, ...], shape: tup
     ValueError
         It raised, or returned something else than finite numbers of the shape: where, and what to do.
     """
-    function, is_of_time = getattr(function, "py_func", function), isinstance(arguments[0], float)
+    function = getattr(function, "py_func", function)
+    try:
+        value = as_floats(function(*arguments), "what it returns")
+    except Exception as error:
+        raise _unsound(function, arguments, shape, error) from error
+    if value.shape == shape and all(map(isfinite, found := value.ravel().tolist())):
+        return found
+    raise _unsound(function, arguments, shape, value)
+
+
+def _unsound(
+    function: Callable[..., Any], arguments: tuple[Any, ...], shape: tuple[int, ...], got: Array | Exception
+) -> ValueError:
+    """Return the error for a function that raised, or returned what is not asked for."""
+    is_of_time, place = isinstance(arguments[0], float), _place(arguments, shape)
     name = "load" if is_of_time else "gradient" if shape else "potential"
     name = f"the {name} {getattr(function, '__name__', None) or repr(function)}"
     wanted = FINITE.get(shape) or f"as many finite numbers as state0, {shape[0]},"
     remedy, smaller = (REMEDY.replace(FINITE[3,], wanted), SMALLER) if is_of_time else (OF_POTENTIALS, "")
-    try:
-        value = as_floats(function(*arguments), "what it returns")
-    except Exception as error:
-        if isinstance(error, TypeError) and not _takes(function, *arguments):
+    if isinstance(got, Exception):
+        if isinstance(got, TypeError) and not _takes(function, *arguments):
             remedy, smaller = f"it is called with {_given(arguments, shape)}", ""
-        place = _place(arguments, shape)
-        raise ValueError(f"{name} raised {type(error).__name__} at {place}: {error}; {remedy}{smaller}") from error
-    if value.shape != shape:
+        return ValueError(f"{name} raised {type(got).__name__} at {place}: {got}; {remedy}{smaller}")
+    if got.shape != shape:
         counted = {(): "a number", (3, 3): "3 rows of 3 numbers"}.get(shape) or f"{shape[0]} numbers"
-        at = f"at {_place(arguments, shape)} it returned shape {value.shape}"
-        raise ValueError(f"{name} must return {counted}, {at}; {remedy}")
-    if not np.isfinite(value).all():
-        raise ValueError(f"{name} is not finite at {_place(arguments, shape)}: {value.tolist()}; {remedy}{smaller}")
-    return value.ravel().tolist()
+        return ValueError(f"{name} must return {counted}, at {place} it returned shape {got.shape}; {remedy}")
+    return ValueError(f"{name} is not finite at {place}: {got.tolist()}; {remedy}{smaller}")
 
 
 def _given(arguments: tuple[Any, ...], shape: tuple[int, ...]) -> str:

@@ -32,7 +32,7 @@ are then the work of the motor and what friction takes, ``A' = τ Ω`` and ``D' 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Annotated, Any, NamedTuple
@@ -143,8 +143,20 @@ class MemoryFunction(Memory):
         return f"{factor_in_words(record)}function {names}, {k} internal state{'s' * (k > 1)}"
 
 
-SPEEDS = np.logspace(-3, 6, 37)  # rad/s, at which friction is looked at
+SPEEDS = np.logspace(-3, 6, 181)  # rad/s, at which friction is looked at before a run
 Function = Callable[..., Any]
+
+
+def gain_of_energy(friction: Any, speeds: Iterable[float]) -> str | None:
+    """Return at which of some speeds friction drives a wheel, None where it does not."""
+    for speed in speeds:
+        (drag,) = checked(friction, (float(speed),), ())
+        if drag * speed < 0:
+            return (
+                f"friction must slow the wheel down, but at {speed:.6g} rad/s it is {drag:.6g} N m: "
+                "return a number of the sign of the speed"
+            )
+    return None
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,14 +188,9 @@ class Wheel(Memory):
             self._set(breakpoints=smoothness(self.times)["breakpoints"])
             if self.torque:
                 raise ValueError("torque is a number, or times and values of it, not both")
-        if self.friction is not None:
-            for speed in (*-SPEEDS, *SPEEDS):
-                (drag,) = checked(self.friction, (float(speed),), ())
-                if drag * speed < 0:
-                    raise ValueError(
-                        f"friction must slow the wheel down, but at {speed:.6g} rad/s it is {drag:.6g} N m: "
-                        "return a number of the sign of the speed"
-                    )
+        is_new = self.friction is not None and self.scale == 1.0
+        if is_new and (reason := gain_of_energy(self.friction, (*-SPEEDS, *SPEEDS))):
+            raise ValueError(reason)
 
     @property
     def is_driven(self) -> bool:

@@ -11,8 +11,8 @@ the triangle inequality, that is when a mass distribution with this J exists.
 The equations ask for less. Of a rigid motion ``v_i = w × d_i`` the form ``<v, E v>`` is ``W·J W``, whatever the sign of
 E, so J positive definite is enough for each velocity, momentum and multiplier to be determined, in both descriptions;
 `physical` = False takes such a J as it stands. What is lost is that K bounds velocities of directors that are not
-rigid, those of the energy-momentum scheme between its nodes: it keeps K + V and momentum all the same, as it is derived
-for any symmetric E. About a constrained axis n with ``J n = 0`` nothing turns: J need be positive definite across n.
+rigid, those of the energy-momentum scheme: it keeps K + V and momentum, but they grow (`integrators.energy_momentum`).
+About a constrained axis n with ``J n = 0`` nothing turns: J need be positive definite across n.
 """
 
 from __future__ import annotations

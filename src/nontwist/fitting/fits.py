@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal
@@ -10,7 +9,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..errors import InputWarning
+from ..errors import InputWarning, warn
 from ..geometry.arrays import Array, as_array, as_flag, as_positive
 from ..geometry.values import among, short_repr
 from ..recordings.options import ReadOptions
@@ -193,7 +192,7 @@ def fit_inertia(
         raise ValueError(f"{error}{task.what_fits(model)}") from error
     said: Any = (*task.said, *fit.warnings[len(task.said) :])
     for one in said:
-        warnings.warn(one, stacklevel=2)
+        warn(one)
     return fit
 
 

@@ -20,7 +20,6 @@ that fit are a question, none a warning. What the caller states always acts, wit
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
@@ -28,7 +27,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import InputError, InputWarning
+from ..errors import InputError, InputWarning, warn
 from ..geometry.arrays import Array
 from ..units import RATE, TIME
 from .headers import ACCELEROMETER, rate_unit, sensors
@@ -251,4 +250,4 @@ def time_unit(reading: Reading, given: Evidence, has_unit: bool) -> tuple[float,
 
 
 def _warn(code: str, **fields: Any) -> None:
-    warnings.warn(InputWarning(code, **fields), stacklevel=4)
+    warn(InputWarning(code, **fields))

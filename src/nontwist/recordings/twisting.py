@@ -32,7 +32,6 @@ For an axis fixed in space the twist is ∫ w·n dt: minus the twist of the inve
 from __future__ import annotations
 
 import math
-import warnings
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -41,6 +40,7 @@ from numpy.typing import ArrayLike
 from ..analysis.datasets import RUN, as_dataset
 from ..analysis.trajectory import FORMAT_VERSION
 from ..analysis.variables import assembled, labelled
+from ..errors import warn
 from ..geometry.arrays import EPS, Array, arcs, as_array, as_floats, principal_angle
 from ..geometry.frame_kernels import transport
 from ..geometry.frames import estimates, rolls, triad_about
@@ -184,7 +184,7 @@ def twist(
     data = relative_motion(given, beside, clocks, pairs, align == "static", pose, order)
     del given, beside  # what is not needed below makes room
     for note in data.notes:
-        warnings.warn(note, stacklevel=2)
+        warn(note)
     d1, d3 = body_axes(data.quaternion, sign, triad_about(n))
     p = data.quaternion / np.linalg.norm(data.quaternion, axis=1, keepdims=True) * [sign, sign, sign, 1]
     length, turn = _steps(p, d3, data, _speeds(motion) if time is None and relative_to is None else None)
@@ -310,7 +310,7 @@ def _steps(p: Array, d3: Array, data: Samples, speeds: Array | None) -> tuple[Ar
         steps, a, b = counted(wide.size, "step"), data.place(wide[0]), data.place(wide[0] + 1)
         first = f"from {a} to {b} ({np.degrees(turn[wide[0]]):.0f}°)"
         told = f"{steps} of more than a right angle, the first {first}: the motion in between is a guess"
-        warnings.warn(told, stacklevel=3)
+        warn(told)
     return angle, turn
 
 

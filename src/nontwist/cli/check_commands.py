@@ -185,7 +185,8 @@ def measured(runs: list[xarray.Dataset], moved: xarray.Dataset, order: int) -> d
 
     from ..analysis.statistics import second_quotient
     from ..comparison.comparing import CLEAR
-    from ..driver.tolerance import CHANGE, EPS
+    from ..driver.tolerance import CHANGE
+    from ..geometry.arrays import EPS
 
     quotient = second_quotient(*runs)
     x = [run["directors"].values.reshape(run.sizes["time"], -1)[1:] for run in (moved, *runs)]

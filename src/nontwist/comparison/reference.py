@@ -27,8 +27,8 @@ from ..driver.grid import kinks, with_spin_kinks
 from ..driver.problem import Problem, plan_of
 from ..driver.single_run import Prepared, trajectory
 from ..driver.starts import Starts
-from ..driver.tolerance import CHANGE, EPS, LARGER, moved
-from ..geometry.arrays import Array
+from ..driver.tolerance import CHANGE, LARGER, moved
+from ..geometry.arrays import EPS, Array
 from ..integrators import Continuous, Exact, Gauss, Integrator, LieMidpoint
 from ..integrators.problem import Stretches, stretched
 from ..loads import as_load

@@ -21,6 +21,7 @@ from ..models.stack import SystemStack
 from ..models.system import DirectorSystem, as_system
 from . import completion
 from .derivatives import Jacobian, jacobian_of
+from .first_steps import finer, first_run
 from .grid import SMALL, free_memory, require_resolution
 from .notices import (
     announce,
@@ -38,7 +39,7 @@ from .planning import Plan, require_observed
 from .problem import STARTS, OfEnsemble, OfStarts, Problem, every_stored, plan_of, posed, starts_of, takes
 from .single_run import Prepared, PreparedPlan, integrated, with_warning
 from .starts import AT_REST, Starts, last_attitude, starts, without_spin
-from .tolerance import controlled, finer, first_run
+from .tolerance import controlled
 
 if TYPE_CHECKING:
     import xarray

@@ -198,7 +198,7 @@ class Plan(NamedTuple):
         try:
             return stretches_of(load, *span, longest, decay=rate, part=part)
         except ValueError as error:
-            from .tolerance import damped_steps
+            from .first_steps import damped_steps
 
             steps = damped_steps(self, begin)
             raise ValueError(str(error).partition("choose")[0] + f"choose {steps}" if steps else str(error)) from None

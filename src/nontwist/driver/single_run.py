@@ -28,12 +28,13 @@ from ..loads import Load
 from . import completion, notices
 from .contacts import refusal
 from .events import Ended, Event, march_to_events
+from .first_steps import First, apart_shown, damped_steps, finer, first_run
 from .grid import MOST as MOST_STATES
 from .grid import TURN, even_step, load_messages, require_resolution, rest_of, stored_count, stretches_of
 from .notices import progress_bar
 from .planning import Plan, resolve_integrator
 from .starts import AT_REST, Starts
-from .tolerance import First, apart_shown, controlled, damped_steps, finer, first_run
+from .tolerance import controlled
 
 CALLS = 25  # of a load in Python at a stage of a step that is chosen, in all runs together
 CACHED_NODES = 2**13  # at most, of a plan whose preparation is cached

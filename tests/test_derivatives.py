@@ -303,6 +303,7 @@ def test_a_gradient_holds_little_beside_the_states(scheme):
 HOW, NO_WEIGHT = {"t_end": 1, "step": 0.1}, {"integrator": EnergyMomentum(dissipation=0.5), "wrt": "inertia"}
 WRONG = [{"wrt": "inertai"}, {"wrt": []}, {"wrt": 3}, {"wrt": "dampin", "load": nt.damping(0.1)}]
 WRONG += [{"integrator": "split"}, NO_WEIGHT]
+ENDS = [(11, NO_WEIGHT), (2, {})]
 
 
 def jacobian(wrt=None, **how):
@@ -311,7 +312,7 @@ def jacobian(wrt=None, **how):
 
 test_what_is_refused = refused_as(
     [partial(nt.sensitivities, nt.standard(J), **HOW | wrong) for wrong in WRONG]
-    + [partial(nt.gradient, nt.standard(J), **HOW | wrong) for wrong in [NO_WEIGHT, {"d_rotation": np.zeros((2, 3))}]]
+    + [partial(nt.gradient, nt.standard(J), **HOW | {"d_rotation": np.zeros((n, 3))} | how) for n, how in ENDS]
     + [partial(jacobian, wrt="velocity", **HOW), partial(jacobian, times=[0.5, 1], step=0.1)]
 )
 

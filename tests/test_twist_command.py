@@ -202,20 +202,3 @@ def test_a_recording_is_not_overwritten_by_its_twist(tmp_path):
     done = ended(2, "twist", file, "--csv", "--force", "--out", tmp_path / "a")
     assert f"{file} is the recording itself; choose another name" in done.stderr
     assert Path(file).read_bytes() == before
-
-
-def test_what_is_wrong_with_the_arguments_is_said_before_an_old_result(tmp_path):
-    """Of twist, view and export, whose results are there."""
-    file, old = written(tmp_path / "a.csv", tilted(0.1, 1.0), T), tmp_path / "o.nc"
-    out, run = ["--out", old], tmp_path / "run.nc"
-    ended(0, "twist", file, "--no-figure", *out)
-    save_run(simulate(standard([1, 2, 2.5]), t_end=0.1), run)
-    for status, words, arguments in (
-        (5, "LeftUpLeg", ["twist", file, "--relative-to", "LeftUpLeg", *out]),
-        (3, "axis is zero", ["twist", file, "--axis", "0,0,0", *out]),
-        (3, "no column 'b'", ["twist", file, "--relative-columns", "b,c,d,e", *out]),
-        (2, "no variable 'kinetic'", ["export", run, "--columns", "kinetic", "--out", file]),
-        (5, "o.nc exists; choose another name", ["twist", file, "--no-figure", *out]),
-        (5, "a.csv exists; choose another name", ["export", run, "--out", file]),
-    ):
-        assert words in " ".join(re.sub("[│\n]", " ", ended(status, *arguments).stderr).split())

@@ -117,6 +117,7 @@ def twist_command(
     for place in places.values():
         is_read = place.exists() and any(place.samefile(one) for one in read)
         refuse((is_read, "--out", f"{place} is the recording itself; choose another name"))
+    require_free(*places.values(), force=answer.force)
     with about(f"cannot read {data}", OSError), about(data, ValueError):
         motion = nontwist.read_motion(sys.stdin if data == "-" else data, **vars(reading))
     lone = relative_options is not None and relative_to is None
@@ -203,7 +204,6 @@ def _write(result: xarray.Dataset, places: dict[str, Path], degrees: bool, decim
     """Write what each suffix stands for."""
     from ..io.results import in_degrees, write_csv
 
-    require_free(*places.values(), force=force)
     nontwist.save_run(result, places[".nc"], force=force)
     if ".csv" in places:
         curves = result.drop_vars("frame")

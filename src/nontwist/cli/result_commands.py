@@ -14,7 +14,7 @@ import nontwist
 
 from ..errors import ResultFileError
 from ..geometry.values import nearest, number_text
-from ..io.whole import written
+from ..io.whole import require_free, written
 from .options import AsJson, DecimalComma, Force, Opt, argument, refuse, require_suffix
 from .outcomes import require_readable
 from .printing import print_rows, print_variables, printed_warnings, say_next, say_written
@@ -102,6 +102,7 @@ def export_command(
     if out is None and write is not None:
         write(opened(), sys.stdout)
     elif out is not None:
+        require_free(out, force=force)
         run = opened()
         with written(out, force=force) as file:
             if write is None:

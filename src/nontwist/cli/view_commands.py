@@ -139,8 +139,8 @@ def view_command(
     given = given_again(ctx, specs(ReadOptions))
     for option in given[:1]:
         refuse((all(map(_is_result, inputs)), option, f"applies to recordings only; {run} is a result"))
-    runs = [_read(path, reading, slice(first, last), given) for path in inputs]
     require_free(*films, *([] if target is None else [target]), force=force)
+    runs = [_read(path, reading, slice(first, last), given) for path in inputs]
     page = nontwist.view(*runs, title=title, labels=names) if target is not None else None
     look: dict[str, Any] = {"width": width, "labels": names, "title": title, "camera": camera, "dark": dark}
     for path in moving:

@@ -317,18 +317,19 @@ def shortest_times(calls: dict[Any, Callable[[], Trajectory]], repeats: int) -> 
     A call that took longer than `LONG` is not repeated, nor is any after `ENOUGH` in all. One shorter than `SHORT` is
     timed twice in a row: the first time includes what other calls have left cold.
     """
-    best, begin = dict.fromkeys(calls, np.inf), perf_counter()
+    best, spent = dict.fromkeys(calls, np.inf), 0.0
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        for k in range(repeats):
-            if k and perf_counter() - begin > ENOUGH:
+        for _ in range(repeats):
+            if spent > ENOUGH:
                 break
             for key, call in calls.items():
                 for first in (True, False):
                     if best[key] < SHORT or (first and not LONG < best[key] < np.inf):
                         start = perf_counter()
                         call()
-                        best[key] = min(best[key], perf_counter() - start)
+                        took = perf_counter() - start
+                        best[key], spent = min(best[key], took), spent + took
     return best
 
 

@@ -125,6 +125,11 @@ class Guess:
     downs: Sequence[Array] = ()
     misfit: float = 0.0  # of the weak form, r.m.s., of the moments that turning by a radian takes
 
+    @property
+    def numbers(self) -> Array:
+        """All of them."""
+        return np.concatenate([self.inertia.ravel(), self.more, [self.model.unit], *self.downs])
+
 
 def acting(model: Model, time: Array, rates: Array, speed: Array | None) -> tuple[Array, Array]:
     """Return the moments per unit of what is fitted beside J, and the momenta of a rotor, (n, 3, q).
@@ -291,7 +296,11 @@ def guesses(stretches: Sequence[Stretch], model: Model) -> list[Guess]:
     pairs = [(one.time, one.rates) for one in stretches]
     speeds = [None if one.speed is None else one.speed.at(one.time) @ one.speed.values for one in stretches]
     ways = [(width, 0.0) for width in WIDTHS] if model.is_free else ROUND
-    found = [made for how in ways if (made := with_moments(pairs, model, *how, speeds)) is not None]
+    found = list[Guess]()
+    for how in ways:
+        made = with_moments(pairs, model, *how, speeds)
+        if made is not None and not any(np.array_equal(made.numbers, one.numbers) for one in found):
+            found.append(made)  # in short windows wide parts are the same
     if model.is_free:
         energetic = pencil(pairs)
         others = [np.diag([0.25, 0.33, 0.42])] * (not found) if energetic is None else [energetic]

@@ -7,16 +7,15 @@ import re
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
-from scipy.spatial.transform import Rotation
 from scipy.special import ellipk
 
 import nontwist as nt
-from conftest import NONTWISTING, STANDARD, cross, ended
+from conftest import NONTWISTING, STANDARD, ended
 from nontwist.errors import RunFileError, SimulationError, SimulationInterrupt
 from nontwist.integrators import Gauss
 from nontwist.runfile import read_run_file
 from refusals import refused_as, says
-from test_times import R0, TOP
+from test_times import R0, TOP, top_rates
 from test_times import W0 as W_TOP
 
 BODY, W0 = STANDARD, (0, 2.0, 0)
@@ -50,15 +49,6 @@ def test_a_steady_turn_has_events_where_it_should(integrator):
     assert first == pytest.approx((k[:9] + 0.5) * np.pi / 2, abs=close)
     ends = np.add.outer(k[1::2] * np.pi, np.array([-1, 1]) * np.arccos(0.98)).ravel() / 2
     assert second == pytest.approx(ends, abs=close)
-
-
-def top_rates(t, y):
-    """The rates of the heavy top, quaternions and velocity."""
-    J, f = TOP.convected_inertia, TOP.dead_force
-    p, W = y[:4] / np.linalg.norm(y[:4]), y[4:]
-    q = Rotation.from_quat(p).as_matrix().T
-    M = sum(cross(np.eye(3)[i], q @ f[i]) for i in range(3))
-    return [*(p[3] * W + cross(p[:3], W)) / 2, -p[:3] @ W / 2, *np.linalg.solve(J, cross(J @ W, W) + M)]
 
 
 def test_events_of_a_top_are_those_of_scipy():

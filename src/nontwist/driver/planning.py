@@ -28,6 +28,7 @@ from ..models.system import DirectorSystem
 from .grid import (
     CLOSEST,
     FEWEST,
+    MOST,
     TURN,
     Pieces,
     as_store,
@@ -197,11 +198,14 @@ class Plan(NamedTuple):
         longest, part = (longest, TURN) if self.scheme.is_a_stable else (1 / rate, 1.0)
         try:
             return stretches_of(load, *span, longest, decay=rate, part=part)
-        except ValueError as error:
+        except ValueError:
             from .first_steps import damped_steps
 
-            steps = damped_steps(self, begin)
-            raise ValueError(str(error).partition("choose")[0] + f"choose {steps}" if steps else str(error)) from None
+            if steps := damped_steps(self, begin):
+                raise ValueError(
+                    f"the automatic step would take more than {MOST:.0e} steps, as damping is so fast; choose {steps}"
+                ) from None
+            raise
 
     def problem(self, begin: Starts, grid: Stretches, stored: NDArray[np.int64] | None = None, **options: Any) -> IVP:
         """Return the problem of the plan with a start; `stored`: the numbers of the stored steps; options of it."""

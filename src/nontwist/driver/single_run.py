@@ -279,7 +279,7 @@ class Prepared:
         if isinstance(scheme, Continuous) and least_steps(scheme, self.whole) > MOST:
             raise ValueError(
                 f"{scheme.method} of SciPy would take more than {MOST:.0e} steps, as damping is so fast; use "
-                f"{damped_steps(plan, self.begin)}"
+                f"{damped_steps(plan, self.begin) or 'the integrator gauss'}"
             )
         is_quiet = not (load.terms and scheme.is_compiled) or notices.warn_of_cost(load)
         is_quiet &= notices.announce(self.cost, scheme, self.whole)

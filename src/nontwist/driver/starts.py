@@ -266,9 +266,8 @@ def one_attitude(value: Any, scalar_first: bool | None, name: str, is_motion: bo
         return R
     has_times = "time" in value.dims if hasattr(value, "dims") else hasattr(value, "time") or hasattr(value, "columns")
     if len(R) > 1 and not (is_motion or has_times):
-        raise ValueError(
-            f"{name} must be one attitude, got {len(R)}: {name}=Q[0] is the first; simulate_ensemble takes several"
-        )
+        several = "; simulate_ensemble takes several" * (name == "rotation")
+        raise ValueError(f"{name} must be one attitude, got {len(R)}: {name}=Q[0] is the first{several}")
     return R[-1]
 
 

@@ -246,18 +246,13 @@ class Search:
     def fitted(self, a: int, b: int, noise: float, starts: list[Guess] | None, most: float) -> Solution | None:
         """Return the fit of samples `a` to before `b`; None where it leaves much more than `most`, or is no motion."""
         tried = self.tried.get((a, b)) if starts is None else None
-        if tried is None:
-            stretch = Stretch(self.time[a:b], self.rates[a:b], speed_of(self.recording, slice(a, b)))
-            try:
+        try:
+            if tried is None:
+                stretch = Stretch(self.time[a:b], self.rates[a:b], speed_of(self.recording, slice(a, b)))
                 tried = in_lanes(Shooting([stretch], self.gyroscope, noise, self.model), starts)
-            except RunawayError:
-                tried = []
             if starts is None:
                 self.tried[a, b] = tried
-        if not tried or min(one.spread for one in tried) > MORE * most:
-            return None
-        try:
-            return whole_of(tried, True, CALLS)
+            return None if min(one.spread for one in tried) > MORE * most else whole_of(tried, True, CALLS)
         except RunawayError:
             return None
 

@@ -1,5 +1,6 @@
 """Wheels with motors: momentum by hand, SciPy, total momentum, continuation, derivatives, what is refused."""
 
+import json
 from functools import cache, partial
 
 import numpy as np
@@ -10,7 +11,7 @@ import nontwist as nt
 from conftest import cross, or_long, thinned
 from nontwist.errors import RunFileError, SimulationError, SimulationInterrupt, Status
 from nontwist.runfile import read_run_file
-from refusals import refused_as, warned
+from refusals import refused, refused_as, warned
 
 RPM = 2 * np.pi / 60
 J = np.diag([3.0, 4.0, 5.0])
@@ -314,6 +315,7 @@ def test_a_constant_is_added_to_a_table_within_its_times(times, viscous):
     assert found == pytest.approx((ends[0] - ends[1]) / 2e-4, abs=1e-8)
 
 
+THREE = [nt.standard(J)] * 3
 TORQUES = (lambda t: 1.0), [1, 2, 3], ([0, 1],), ([0, 1], [0, 1], [0, 1]), np.zeros((2, 2)), [0.1, 0.2]
 test_what_cannot_be_is_refused = refused_as(
     [
@@ -335,6 +337,113 @@ test_what_cannot_be_is_refused = refused_as(
         *(partial(nt.wheel, "z", 0.1, torque=one) for one in TORQUES),
         lambda: nt.sensitivities(nt.standard(J), t_end=1, load=RUBBING, wrt="nonsense"),
         lambda: nt.wheel("z", 0.1, torque=0.1, breakpoints=[1]),
+    ]
+)
+
+
+EACH = np.array([[0.1, -0.2], [0.0, 0.3], [0.05, 0.0]])
+
+
+def wheels_with(torques, rubs):
+    """Wheels whose motors have these torques beside their own: a number, or a table; or a function of the speed."""
+    a, b = np.asarray(torques).tolist()
+    if rubs:
+        return nt.wheel(AXES[0], 0.2, 30, 0.1 + a, viscous=0.05) + nt.wheel(AXES[1], 0.3, -10, b, coulomb=0.02)
+    return nt.wheel(AXES[0], 0.2, 30, a) + nt.wheel(AXES[1], 0.3, -10, ([0.5, 1, 1.5], [b, 0.4 + b, b]))
+
+
+@pytest.mark.parametrize("rubs", [False, True])
+@pytest.mark.parametrize(("body", "scheme"), thinned(4, BODIES, SCHEMES[:2]))
+def test_members_with_torques_of_their_own_are_runs_under_these(body, scheme, rubs):
+    """Bit for bit; a factor of the load does not multiply them; total momentum stays; in parts it is one run."""
+    scheme, order = scheme
+    how = {"step": 0.05, "integrator": scheme, "order": order, "project": True}
+    start, more = {"material_angular_velocity": W0, **how}, {"variables": "all", "store": 1}
+    load, whole = wheels_with([0.0, 0.0], rubs), wheels_with([0.0, 0.0], False)
+    many = nt.simulate_ensemble(BODIES[body], t_end=2, load=load, wheel_torque=EACH, threads=2, **start, **more)
+    assert many.wheel_torque.dims == ("member", "wheel")
+    assert np.array_equal(many.wheel_torque.values, EACH)
+    for i, own in enumerate(EACH):
+        one = nt.simulate(BODIES[body], t_end=2, load=wheels_with(own, rubs), **start)
+        known = {name for name in many.data_vars if "time" in many[name].dims}
+        assert {"wheel_work", "total_momentum", "quaternion", "internal_state"} <= known
+        if one.sizes["internal"] < many.sizes["internal"]:  # without a motor
+            known.remove("internal_state")
+        for name in known:
+            assert np.array_equal(many[name].values[i], one[name].values), name
+    if body == "standard":
+        assert np.ptp(many.total_momentum.values, axis=1).max() < 1e-13
+    scaled = nt.simulate_ensemble(
+        BODIES[body], t_end=2, load=whole, wheel_torque=EACH, load_scale=[1, 2, 0.5], **start, **more
+    )
+    one = nt.wheel(AXES[0], 0.2, 60) + nt.wheel(AXES[1], 0.3, -20, ([0.5, 1, 1.5], [0.3, 1.1, 0.3]))
+    one = nt.simulate(BODIES[body], t_end=2, load=one, **start)
+    assert scaled.wheel_momentum.values[1] == pytest.approx(one.wheel_momentum.values, abs=1e-13)
+    first, rest = many.isel(time=slice(21)), {"load": load, "wheel_torque": EACH, "t_end": 2, **how, **more}
+    rest = nt.simulate_ensemble(BODIES[body], start=first, **rest)
+    for name in ("quaternion", "wheel_speed", "wheel_work"):
+        assert rest[name].values[:, -1] == pytest.approx(many[name].values[:, -1], abs=1e-12)
+    alone = nt.simulate(BODIES[body], t_end=2, start=first.isel(member=1), load=wheels_with(EACH[1], rubs), **how)
+    assert alone.wheel_work.values[-1] == pytest.approx(many.wheel_work.values[1, -1], abs=1e-12)
+
+
+@pytest.mark.parametrize("rubs", [False, True])
+def test_torques_of_members_have_the_derivatives_of_those_of_wheels(rubs):
+    """Also that of a table, to which a constant is added within its times."""
+    add = wheels_with([0.0, 0.0], False) if not rubs else nt.wheel(AXES[0], 0.2, 30, 0.1, 0.05) + nt.wheel("z", 0.3)
+    how = {"t_end": 2, "step": 0.05, "material_angular_velocity": W0, "load": add}
+    found = nt.sensitivities(nt.standard(J), wrt="torque", **how).d_material_angular_velocity.values[-1]
+    changes = 1e-4 * np.array([[1, 0], [-1, 0], [0, 1], [0, -1]])
+    W = nt.simulate_ensemble(nt.standard(J), wheel_torque=changes, **how).material_angular_velocity.values[:, -1]
+    differences = (W[::2] - W[1::2]).T / 2e-4
+    assert differences == pytest.approx(found, abs=1e-8)
+
+
+def test_torques_of_members_count_for_tolerances_statistics_and_exponents():
+    """One torque for all members is that of the load, and is recorded as such."""
+    how = {"t_end": 2, "material_angular_velocity": W0, "load": wheels_with([0.0, 0.0], False)}
+    apart, none = {"load": wheels_with(EACH[0], False)}, nt.simulate_ensemble(nt.standard(J), **how)
+    alike = nt.simulate_ensemble(nt.standard(J), wheel_torque=EACH[0], **how)
+    assert "wheel_torque" not in alike
+    records = [nt.simulate_ensemble(nt.standard(J), **how | apart).attrs["load"], alike.attrs["load"]]
+    assert [{**one, "has_motor": True} for one in json.loads(records[0])] == json.loads(records[1])
+    assert abs(alike.quaternion - none.quaternion).max() > 1e-3
+    chosen = nt.simulate_ensemble(nt.standard(J), tolerance=1e-9, wheel_torque=EACH, reduce="drift", **how)
+    one = nt.simulate(nt.standard(J), tolerance=1e-11, times=[2], **how | apart)
+    assert chosen.quaternion.values[0, -1] == pytest.approx(one.quaternion.values[-1], abs=1e-9)
+    assert chosen.energy_drift.values.max() > 0
+    how |= {"step": 0.05, "integrator": "lie-midpoint"}
+    found = nt.lyapunov_ensemble(nt.standard(J), wheel_torque=EACH, threads=2, **how)
+    for i in (0, 2):
+        own = nt.lyapunov(nt.standard(J), **how | {"load": wheels_with(EACH[i], False)})
+        assert np.array_equal(own.lyapunov_exponent.values[-1], found.lyapunov_exponent.values[i])
+
+
+@pytest.mark.parametrize(
+    ("value", "code", "fields"),
+    [
+        ([1, 2, 3], "wheel-torque-shape", {"shape": (3,), "count": 2}),
+        (0.1, "wheel-torque-shape", {"shape": (), "count": 2}),
+        (np.ones((3, 2, 5)), "wheel-torque-shape", {"shape": (3, 2, 5), "count": 2}),
+        ([[1, 2], [3, np.nan]], "wheel-torque-not-finite", {"place": [1, 1], "value": "nan"}),
+        ([[1, 2], [np.inf, 4]], "wheel-torque-not-finite", {"place": [1, 0], "value": "inf"}),
+        (([0, 1], [0.1]), "wheel-torque-type", {}),
+        (lambda t: 0.1, "wheel-torque-type", {}),
+    ],
+)
+def test_torques_of_members_are_numbers_for_each_wheel(value, code, fields):
+    with refused(code, **fields):
+        nt.simulate_ensemble(nt.standard(J), t_end=1, load=SKEW, wheel_torque=value)
+
+
+test_torques_that_belong_to_no_wheel_of_a_member_are_refused = refused_as(
+    [
+        lambda: nt.simulate_ensemble(nt.standard(J), t_end=1, wheel_torque=[1], load=nt.damping(1)),
+        lambda: nt.simulate_ensemble(nt.standard(J), t_end=1, wheel_torque=[1, 2, 3], load=SKEW),
+        lambda: nt.simulate_ensemble(nt.standard(J), t_end=1, wheel_torque=[1, np.nan], load=SKEW),
+        lambda: nt.simulate_ensemble(nt.standard(J), t_end=1, wheel_torque=[1, "a"], load=SKEW),
+        lambda: nt.simulate_ensemble(THREE, t_end=1, wheel_torque=np.ones((2, 2)), load=SKEW),
+        lambda: nt.Problem(nt.standard(J), t_end=1, wheel_torque=[1, 2], load=SKEW).forecast(),
     ]
 )
 

@@ -319,3 +319,4 @@ def test_a_read_only_file_system_is_answered_with_the_option_of_another_place():
     with pytest.raises(outcomes.CommandError) as told, outcomes.about("cannot write a.nc", OSError):
         raise error
     assert str(told.value) == f"cannot write a.nc: {words} place to write to"
+    assert [*map(outcomes._message, (KeyboardInterrupt(), KeyboardInterrupt("by")))] == ["interrupted", "by"]

@@ -61,7 +61,9 @@ def has(text, *words):
 
 @pytest.mark.usefixtures("undrawn")  # figures are drawn in test_paths_of_results
 def test_the_first_five_minutes(here):
-    has(nontwist("example").stdout, *example_names())
+    listed = ended(0, "example")
+    has(listed.stdout, *example_names())
+    assert listed.stderr == "next: nontwist example NAME\n"
     said(ended(0, "example", "heavy_top").stderr)
     text = Path("heavy_top.toml").read_text(encoding="utf-8").replace("t_end = 4.0", "t_end = 0.1")
     here(text, "heavy_top.toml")
@@ -483,3 +485,6 @@ def test_steps_and_time_of_a_run_that_an_event_ends_are_those_taken(here):
     named = nontwist("run", "run.toml", "--force", "--set", 'event.0.name="within 8° again"').stdout
     assert open_run("run.nc").event_name.values.tolist() == ["within 8° again"]
     assert re.search("│ event within 8° again +│ t = ", named)
+    header, row = ended(0, "export", "run.nc", "--columns", "event_quaternion").stdout.splitlines()
+    assert row.split(",")[header.split(",").index("t_events [s]")] == last
+    assert "--columns" in ended(2, "export", "run.nc", "--columns", "event_quaternion,kinetic_energy").stderr

@@ -34,7 +34,7 @@ from coverage import Coverage, CoverageData
 ROOT = Path(__file__).parent.parent
 REASONS = ROOT / "tests" / "data" / "survivors.json"
 STORED = {"tests/covering/test_same_numbers.py", "tests/powers/test_powers.py", "tests/recordings/test_same.py"}
-STORED |= {"tests/test_language.py", "tests/test_docs_site.py", "tests/test_pages.py"}
+STORED |= {"tests/pages/test_language.py", "tests/pages/test_docs_site.py", "tests/pages/test_pages.py"}
 SHARES = (0.006, 0.05, 0.075)  # of the time of all tests: the first ones, the others, whole files
 ENDLESS, AT_LEAST = 20, 120  # a run that takes so many times as long as without a fault, and these seconds, has no end
 PASSED = (0, 5)  # exit statuses of pytest: all passed, none was left to run

@@ -149,6 +149,7 @@ MEMBERS: dict[str, About] = {  # of ensembles whose members differ in them
     "dead_force": (("director", "axis"), "N m", "dead forces on the directors", "f^i"),
     "spin": ((), "rad s-1", "factor of the prescribed spin", "c"),
     "load_scale": ((), "1", "factor of the load", "c"),
+    "wheel_torque": (("wheel",), "N m", "torque of the motor beside that of the load", "τ"),
 }
 VARIABLES |= ROTORS | WHEELS | LOADED | DERIVATIVES | MEMBERS
 

@@ -108,8 +108,14 @@ def unchecked(scheme: Integrator, problem: IVP, threads: int = 1) -> Outcome:
     """Integrate a problem, one with wheels as that of gyrostats, member by member."""
     if not problem.load.wheels:
         return scheme.march(problem, threads)
-    whole = with_works(problem)
-    found = of_locked(whole, one_by_one(lambda one: scheme.march(as_gyrostat(one)), whole, threads))
+    whole, are_alike = with_works(problem), problem.wheel_torque is None
+
+    def march_one(one: IVP) -> Outcome:
+        found = scheme.march(as_gyrostat(one))
+        return found if are_alike else of_locked(one, found)
+
+    found = one_by_one(march_one, whole, threads)
+    found = of_locked(whole, found) if are_alike else found
     if len(whole.stored_times) == len(problem.stored_times):
         return found if problem.intervals else found._replace(intervals=None)
     return found.at(whole, problem)

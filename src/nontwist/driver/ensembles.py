@@ -80,6 +80,10 @@ def simulate_ensemble(
         Initial angular velocities w in space.
     load_scale : float or (m,) array
         Factors that multiply the load.
+    wheel_torque : (m, w) or (w,) array, N m, optional
+        Torques of the motors of the w wheels of the load, in its order, for each member. They are constant, and add to
+        those of the load, to a table from its first to its last time; `load_scale` does not multiply them. Tables,
+        functions and friction are the same for all members.
     store : int or "end"
         Store every `store`-th state, or only the first and the last, which is the default since all may not fit into
         memory.

@@ -229,6 +229,7 @@ class Plan(NamedTuple):
             memory=begin.memory,
             internal=internal_states(self.systems, self.load, begin, self.t_start),
             stretches=grid,
+            wheel_torque=begin.wheel_torque,
             **options,
         )
 

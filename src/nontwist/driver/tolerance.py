@@ -236,7 +236,8 @@ def moved(begin: Starts) -> Starts:
     turned = x + w * a + y * c - z * b, y + w * b + z * a - x * c, z + w * c + x * b - y * a, w - x * a - y * b - z * c
     W = begin.velocity * (1 + CHANGE * np.array([1, -1, 1]))
     scale = begin.load_scale * (1 + CHANGE)
-    return Starts(np.stack(turned, axis=1), W, None, scale, begin.time, internal=begin.internal, wheels=begin.wheels)
+    own = {name: getattr(begin, name) for name in ("time", "internal", "wheels", "wheel_torque")}
+    return Starts(np.stack(turned, axis=1), W, None, scale, **own)
 
 
 def _within_reach(plan: Plan, floor: float, fastest: float) -> float:

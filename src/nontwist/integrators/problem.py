@@ -27,6 +27,7 @@ from ..errors import Status as Status
 from ..geometry.arrays import Array
 from ..geometry.attitudes import States, director_velocities, directors
 from ..loads import Load
+from ..loads.base import with_torques
 from ..models.stack import SystemStack, part_of, stacked
 from ..models.system import DirectorSystem
 
@@ -118,6 +119,7 @@ class IVP:
     steps: int
     stored: NDArray[np.int64]  # numbers of the nodes whose states are stored, including 0 and `steps`
     load_scale: Array = field(default_factory=lambda: ONE)  # (1,) or (m,)
+    wheel_torque: Array | None = None  # (1, w) or (m, w) beside the torques of the load, N m
     output_times: Array | None = None  # on the grid or not; None: those of the nodes `stored`
     off_grid: bool = False  # whether the integrator ignores the grid and integrates from one output time to the next
     normal: Array | None = None  # (m, 6) N at t_start
@@ -154,18 +156,21 @@ class IVP:
         return director_velocities(self.directors, self.velocity[0], None if self.normal is None else self.normal[0])
 
     def member(self, i: int) -> IVP:
-        """Return the problem of one member; its load is scaled."""
-        scale = float(self.load_scale[i if len(self.load_scale) > 1 else 0])
-        if len(self) == 1 and scale == 1:
+        """Return the problem of one member; its load is scaled, and its wheels have their torques."""
+        scale, torques = float(self.load_scale[i if len(self.load_scale) > 1 else 0]), self.wheel_torque
+        if len(self) == 1 and scale == 1 and torques is None:
             return self
         systems = self.systems if len(self.systems) == 1 else stacked(self.systems[i])
         load = scale * self.load if self.load.terms else self.load
-        return self._of(slice(i, i + 1), systems, load=load, load_scale=ONE)
+        if torques is not None:
+            load = with_torques(load, torques[i if len(torques) > 1 else 0])
+        return self._of(slice(i, i + 1), systems, load=load, load_scale=ONE, wheel_torque=None)
 
     def part(self, first: int, last: int) -> IVP:
         """Return the problem of some members."""
-        own, scale = slice(first, last), self.load_scale
-        return self._of(own, part_of(self.systems, first, last), load_scale=scale[own] if len(scale) > 1 else scale)
+        own, each = slice(first, last), {"load_scale": self.load_scale, "wheel_torque": self.wheel_torque}
+        parts = {name: x if x is None or len(x) == 1 else x[own] for name, x in each.items()}
+        return self._of(own, part_of(self.systems, first, last), **parts)
 
     def _of(self, own: slice, systems: SystemStack, **changes: Any) -> IVP:
         arrays = {name: getattr(self, name) for name in ("quaternion", "velocity", "normal", "memory", "internal")}

@@ -421,6 +421,12 @@ def of_body(load: Load, inertia: Array) -> Load:
     return Load(tuple(term.of_body(inertia) if isinstance(term, GravityGradient) else term for term in load.terms))
 
 
+def with_torques(load: Load, torques: Array) -> Load:
+    """Return a load with a torque beside that of each wheel, (w,), N m, which no factor multiplies."""
+    each = iter(torques.tolist())
+    return Load(tuple(one.with_torque(next(each)) if isinstance(one, Wheel) else one for one in load.terms))
+
+
 def _table_as_moment(term: Term) -> Term:
     """Return a table of forces along the directors as the moment that it is, other terms as they are."""
     if not (isinstance(term, ForceTable) and term.frame == "body"):

@@ -181,6 +181,7 @@ class Wheel(Memory):
     motor: Function | None = None
     mode: int | None = None  # the direction in which it turns under dry friction, 0: it stands; None: it is open
     is_commanded: bool | None = None  # whether its last internal state is a torque beside the others, which stays
+    has_motor: bool | None = None  # whether its work is an internal state though its torque may be zero
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -201,7 +202,7 @@ class Wheel(Memory):
     @property
     def works(self) -> bool:
         """Whether a motor is given by a number or a table."""
-        return bool(self.torque or self.times.size)
+        return bool(self.has_motor or self.torque or self.times.size)
 
     @property
     def is_dry(self) -> bool:
@@ -243,6 +244,12 @@ class Wheel(Memory):
     def unscaled(self) -> Wheel:
         """The wheel of the factor 1 whose speed and torques are those of this one times its factor."""
         return self if self.scale == 1 else _unscaled(self)  # what is compiled is kept
+
+    def with_torque(self, torque: float) -> Wheel:
+        """Return the wheel of the factor 1 with a torque beside its own; that of a table acts as long as the table."""
+        own = self.unscaled
+        added = {"values": own.values + torque} if own.times.size else {"torque": own.torque + torque}
+        return replace(own, has_motor=True, **added)
 
     def impulse(self, times: Array) -> Array:
         """Return the integral of the torque at (n,) times, without the factor; of the table from its beginning."""
@@ -301,8 +308,7 @@ class Wheel(Memory):
     def words(cls, record: Record) -> str:
         """Return inertia, axis and speed."""
         about, speed = f"about {vector_text(record['wheel'])}", record["scale"] * record["speed"]
-        has_motor = record["torque"] or len(record["times"]) or "motor" in record
-        parts = ["a motor"] * bool(has_motor) + ["friction"] * _rubs(record)
+        parts = ["a motor"] * (_works(record) or "motor" in record) + ["friction"] * _rubs(record)
         more = f", with {' and '.join(parts)}" if parts else ""
         return f"wheel of {record['inertia']:.6g} kg m² {about}, at first {speed:.6g} rad/s{more}"
 
@@ -395,7 +401,7 @@ def recorded_wheels(records: Sequence[Record]) -> list[Column]:
     found, place = list[Column](), 0
     for one in records:
         if "wheel" in one:
-            rubs, works = _rubs(one) or "motor" in one, bool(one["torque"] or len(one["times"]))
+            rubs, works = _rubs(one) or "motor" in one, _works(one)
             is_dry = bool(one.get("coulomb"))
             found.append(Column(np.array(one["wheel"]), float(one["inertia"]), place, rubs or works, rubs, is_dry))
             place += found[-1].size
@@ -410,6 +416,10 @@ def carried_on(z: Array, had: Sequence[Column], sizes: Sequence[int]) -> Array:
     kept = [a.place + k if k < a.size else -1 for a, size in zip(had, sizes, strict=False) for k in range(size)]
     others = range(sum(one.size for one in had), z.shape[-1])
     return np.insert(z, z.shape[-1], 0.0, axis=-1)[..., [*kept, *others]]
+
+
+def _works(record: Record) -> bool:
+    return bool(record.get("has_motor") or record["torque"] or len(record["times"]))
 
 
 def _rubs(record: Record) -> bool:

@@ -131,7 +131,7 @@ def test_a_damaged_npz_file_is_reported_in_a_line(tmp_path):
     assert (result.exit_code, result.stderr.count("\n")) == (3, 1)
 
 
-def test_a_recording_without_headers_and_without_times(tmp_path):
+def test_a_recording_without_headers_and_without_times(tmp_path, monkeypatch):
     """Warnings of a row that is left out go to stderr."""
     _, result = twisted(tmp_path, "--no-figure")
     _, *lines = IMU.read_text(encoding="utf-8").splitlines(keepends=True)
@@ -144,6 +144,9 @@ def test_a_recording_without_headers_and_without_times(tmp_path):
     without = "".join(line.split(",", 1)[1] for line in lines)
     given, rated = twisted(tmp_path, *how, "--rate", "50", "--json", "--quiet", data="-", stdin=without)
     assert np.array_equal(rated.time, np.arange(len(lines)) / 50)
+    monkeypatch.chdir(tmp_path)
+    assert CliRunner().invoke(app, ["twist", "-", *how, "--rate", "50"], input=without).exit_code == 0
+    assert np.array_equal(open_run("stdin-twist.nc").twist_angle, rated.twist_angle)
     assert np.array_equal(rated.twist_angle, result.twist_angle)
     assert given.stderr == ""
     facts = json.loads(given.stdout)
@@ -319,3 +322,4 @@ def test_a_read_only_file_system_is_answered_with_the_option_of_another_place():
     with pytest.raises(outcomes.CommandError) as told, outcomes.about("cannot write a.nc", OSError):
         raise error
     assert str(told.value) == f"cannot write a.nc: {words} place to write to"
+    assert [*map(outcomes._message, (KeyboardInterrupt(), KeyboardInterrupt("by")))] == ["interrupted", "by"]

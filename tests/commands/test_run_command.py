@@ -61,15 +61,34 @@ def has(text, *words):
 
 @pytest.mark.usefixtures("undrawn")  # figures are drawn in test_paths_of_results
 def test_the_first_five_minutes(here):
-    has(nontwist("example").stdout, *example_names())
+    listed = ended(0, "example")
+    has(listed.stdout, *example_names())
+    assert listed.stderr == "next: nontwist example NAME\n"
     said(ended(0, "example", "heavy_top").stderr)
     text = Path("heavy_top.toml").read_text(encoding="utf-8").replace("t_end = 4.0", "t_end = 0.1")
     here(text, "heavy_top.toml")
     checked = ended(0, "check", "heavy_top.toml")
     assert (checked.stderr, files()) == ("next: nontwist run heavy_top.toml\n", ["heavy_top.toml"])
-    has(checked.stdout, "heavy_top.toml is valid", "gauss, order 8", "200 of 0.0005 s", "at most 3.", "21 states")
+    has(
+        checked.stdout,
+        "heavy_top.toml is valid",
+        "gauss, order 8",
+        "200 of 0.0005 s",
+        "at most 3.",
+        "21 states, about ",
+    )
+    has(checked.stdout, "° at the end, for a steady rotation", "without start-up", "loads         │ none")
     run = ended(0, "run", "heavy_top.toml", "--figures")
-    has(run.stdout, "Heavy top", "200 of 0.0005 s", "total energy", "vertical momentum", "Newton iter", "time taken")
+    has(
+        run.stdout,
+        "Heavy top",
+        "200 of 0.0005 s",
+        "total energy",
+        "vertical momentum",
+        "time taken",
+        " s, with start-up",
+    )
+    assert re.search(r"│ Newton iterations +│ at most \d+ per step", run.stdout)
     figures = [f"heavy_top-{name}{end}" for name in ("energy", "momenta", "path") for end in (".pdf", ".png")]
     assert files() == sorted([*figures, "heavy_top.nc", "heavy_top.toml"])
     assert run.stderr.startswith("written: heavy_top.nc, heavy_top-momenta.pdf, ")
@@ -136,6 +155,7 @@ def test_step_and_tolerance_replace_each_other(here):
         assert (time.step, time.tolerance) == (step, tolerance)
     with says(RunFileError):
         read_run_file("run.toml", ["time.step=0.1", "time.tolerance=1e-3"])
+    has(nontwist("check", "run.toml").stdout, "1e-06 rad; order and steps are a first estimate", " s (automatic), t = ")
     here()
     assert read_run_file("run.toml", ["time.tolerance=1e-3"]).time.step is None
     target = nontwist("precision", "run.toml", "--target", "1e-6", "--set", "body.kind=")
@@ -227,7 +247,8 @@ def test_precision_gives_the_papers_second_quotients_and_errors(here):
     assert found["second_quotients"] == pytest.approx(SECOND_QUOTIENTS, abs=2e-6)
     assert found["times"] == pytest.approx([1, 2, 3, 4, 5])
     assert found["agrees"]
-    has(shown, "3.987879", "observed order 1.995 (median), expected 2: PASS")
+    last = f"error of the attitude at the end with step h: about {found['error_at_end']:.1e} rad"
+    has(shown, "steps h = 0.005 s, h/2, h/4", "3.987879", "observed order 1.995 (median), expected 2: PASS", last)
     assert files() == ["case2.toml"]
     nontwist("example", "case1")
     lag = 200 * abs(2 * np.arctan(0.005 * np.sqrt(360) / 2) - 0.005 * np.sqrt(360))
@@ -416,6 +437,7 @@ def test_the_step_of_a_target_can_be_passed_on(here):
     order = re.search(r"gauss, order (\d+)", shown)[1]
     has(shown, " of at most ", f"│ --set time.step=0.01 --set integrator.order={order} (2000 steps) │")
     numbers = numbers_of(*TARGET)
+    has(shown, "an error of 1e-09 rad", f"estimated as {numbers['error_estimate']:.1e} rad", "ms, storing what FILE")
     assert numbers["even_step"] == 0.01 < numbers["step"]
     given = ["--set", "time.step=0.01", "--set", f"integrator.order={order}", "--out", "fixed.nc"]
     assert "warning" not in nontwist("run", "run.toml", *given).stderr
@@ -483,3 +505,11 @@ def test_steps_and_time_of_a_run_that_an_event_ends_are_those_taken(here):
     named = nontwist("run", "run.toml", "--force", "--set", 'event.0.name="within 8° again"').stdout
     assert open_run("run.nc").event_name.values.tolist() == ["within 8° again"]
     assert re.search("│ event within 8° again +│ t = ", named)
+    header, row = ended(0, "export", "run.nc", "--columns", "event_quaternion").stdout.splitlines()
+    assert row.split(",")[header.split(",").index("t_events [s]")] == last
+    assert "--columns" in ended(2, "export", "run.nc", "--columns", "event_quaternion,kinetic_energy").stderr
+    often, never = (event.replace("0.99\nterminal = true", f'{x}\nname = "{x}"') for x in (0.0, -0.999999))
+    here(BODY + START + "[time]\nt_end = 200\nstep = 0.1\n" + often + never)
+    shown, count = nontwist("run", "run.toml", "--force").stdout, open_run("run.nc").sizes["event"]
+    has(shown, f" s, ... ({count}; nontwist info lists all)", "│ event -0.999999           │ none ")
+    assert "lists all" not in nontwist("info", "run.nc").stdout

@@ -350,6 +350,8 @@ def test_the_command():
     table = ended(0, "fit", "throw.csv", *part).stdout
     assert "as given" in table
     assert "J1 / sum" in table
+    assert "free motion determines ratios only" in table
+    assert " rows dropped" not in table
     in_degrees("other.csv", *hand(5))
     assert "cross-validation" in ended(0, "fit", "throw.csv", "other.csv", *part).stdout
     Path("plain.csv").write_text(text.replace(" (deg/s)", ""), encoding="utf-8")

@@ -222,7 +222,12 @@ def test_a_pivoted_body_has_its_inertia_in_kilograms_and_metres(known):
     assert np.linalg.norm(sign * n - CENTRE / FAR) < 2 * tilt + 1e-12
     assert (tilt == 0) == (known == "centre")
     assert apart(fit) < 1e-6
-    assert ("does not determine the sign" in fit.table()["centre of mass"]) == (known != "centre")
+    table = fit.table()
+    assert ("does not determine the sign" in table["centre of mass"]) == (known != "centre")
+    assert ("as given" in table["centre of mass"]) == (known == "centre")
+    assert table["scale"].startswith("neither mass nor" if known == "unknown" else "by the known moment of gravity")
+    assert re.search(r" rad/s, correlation of neighbours -?\d\.\d\d, white$", table["residual"])
+    assert re.search(r"^\d+ samples, t = \S+ s to \S+ s \(.+\)$", table[fit.parts[0].name])
     if known == "unknown":
         np.testing.assert_allclose(fitted("distance").inertia / unit, fit.inertia, atol=1e-7)
 
@@ -314,6 +319,8 @@ def test_damping_is_fitted_or_given():
     assert (abs(found - C) < np.diff(intervals)[:, 0]).all()
     assert np.diff(intervals).max() < 1e-4
     assert np.array_equal(given.damping[0], C)
+    words = [fit.table()["damping"].rpartition(")")[2] for fit in (three, given)]
+    assert words == [" N m s", " N m s, as given"]
     still = nt.fit_inertia(swing(1), gravity=GRAVITIES["centre"], damping="one")
     assert still.damping[0].max() < 0  # by noise: no problem has such a damping
     assert not still.problem().load.terms
@@ -333,7 +340,8 @@ def test_a_rotor_gives_the_scale():
     assert apart(fit) < 1e-6
     times, speeds = fit.parts[0].speed
     assert abs(np.interp(SPINS[0], times, speeds) - SPINS[1]).max() < 4
-    assert "momentum up to 0.00126" in fit.table()["rotor"]
+    assert re.fullmatch(r"momentum up to 0.00126\S* kg m² s⁻¹; noise of its speed \S+ rad/s", fit.table()["rotor"])
+    assert fit.table()["scale"] == "by the known momentum of the rotor; J of the body with the rotor held"
     speedless = {key: AXLE[key] for key in ("axis", "inertia")}
     twice = nt.fit_inertia([spun(), spun()], rotor=speedless)
     assert twice.principal.moments == pytest.approx(fit.principal.moments, rel=0.01)
@@ -353,6 +361,7 @@ def test_the_axis_of_a_rotor_is_fitted():
         found, tilt = fit.rotor_axis
         off_axis.append(np.arccos(found @ axis) / tilt)
         assert farthest(fit, SAT) < 4
+    assert f" kg m² s⁻¹ about ({found[0]:.4f}, " in fit.table()["rotor"]
     assert off_axis[0] < 2
     assert off_axis[0] == pytest.approx(off_axis[1], abs=1e-3)
     assert fit.numbers()["rotor_axis_tilt"] == tilt < np.radians(3)
@@ -467,6 +476,7 @@ def test_a_body_that_may_not_twist_has_all_of_its_inertia_but_about_that_axis():
             assert abs(fit.inertia[i, j] - J[i, j]) < 4 * error < 1e-4
     assert (len(fit.identifiable), fit.untold) == (5, ())
     assert fit.table()["Jzz"] == "undetermined"
+    assert "n = (0.0000, 0.0000, 1.0000); the moment of inertia about n" in fit.table()["constraint"]
     assert apart(fit) < 1e-6
 
 
@@ -545,13 +555,16 @@ def test_the_command(here):
     numbers = json.loads(ended(0, "fit", "wheel.csv", "--rotor", wheel, *out).stdout)
     np.testing.assert_allclose(numbers["inertia"], SAT, atol=1e-5)
     assert "speed of the rotor: wheel, rpm" in numbers["recordings"][0]["read"]
-    assert [one.kind for one in read_run_file("body.toml").load] == ["rotor"]
+    written = read_run_file("body.toml")
+    assert (written.title, [one.kind for one in written.load]) == ("Motion as fitted; the rotor is a load", ["rotor"])
     (here / "body.toml").unlink()
     numbers = json.loads(ended(0, "fit", "swing.csv", "--gravity", WEIGHT, "--damping", "three", *out).stdout)
     assert numbers["unit"] == "kg m²"
     np.testing.assert_allclose(numbers["inertia"], J, atol=1e-4)
     np.testing.assert_allclose(numbers["damping"], C, atol=1e-4)
-    assert read_run_file("body.toml").body.kind == "heavy_top"
+    written = read_run_file("body.toml")
+    assert written.title == "Motion as fitted; the heading at the start is arbitrary"
+    assert written.body.kind == "heavy_top"
     for status, wrong, text in (
         (2, "0.5,mass=1", "'0.5' is before the first NAME="),
         (2, "mass=1,mass=2", "mass is set twice"),

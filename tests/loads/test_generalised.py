@@ -219,6 +219,12 @@ def test_what_is_good_of_a_run_is_kept(scheme):
         assert len(caught.value.partial.time) > 2
 
 
+def test_a_gradient_is_checked_where_a_body_can_be():
+    seen = []
+    nt.potential((0, 0, 1), well, lambda g: seen.append(np.linalg.norm(g)) or slope(g))
+    assert seen == pytest.approx(np.ones(5))
+
+
 test_refusals = refused_as(
     [
         lambda: nt.potential((0, 0, 1), well, lambda g: 2 * slope(g)),

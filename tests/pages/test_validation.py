@@ -6,6 +6,7 @@ from dataclasses import replace
 from importlib.util import find_spec
 from itertools import islice
 from pathlib import Path
+from time import perf_counter
 
 import numpy as np
 import pytest
@@ -42,7 +43,11 @@ MINUTES |= {"loaded-oil", "tops-benchmark", "tops-pendulum", "frames-long_paths"
 
 @pytest.mark.parametrize("name", [name for name in CHECKS if name not in MINUTES])
 def test_quick_checks_hold(name):
-    """And what is known, tolerances, kinds and sources are those that the page promises, and orders as they were."""
+    """And what is known, tolerances, kinds and sources are those that the page promises, and orders as they were.
+
+    No tolerance is fitted to what it measures: that of an order tells it from the next ones, and others are powers of
+    ten where no formula gives them.
+    """
     found = list(islice(CHECKS[name](), FIRST.get(name)))
     assert found
     assert [check for check in found if not check.holds] == []
@@ -51,7 +56,10 @@ def test_quick_checks_hold(name):
         for key in ("expected", "tolerance", "kind", "source"):
             assert getattr(check, key) == promised[check.name][key]
         if check.kind == "order":
+            assert check.tolerance < 0.25
             assert check.measured == pytest.approx(promised[check.name]["measured"], abs=0.002)
+        elif not re.match("SO|S²|Darboux|.* turns: |case .: Q_II|.* kink|.* share", check.name):
+            assert f"{check.tolerance:e}".startswith(("1.000000e", "0.000000e"))
 
 
 def test_a_wrong_expected_value_fails(monkeypatch, tmp_path):
@@ -82,8 +90,9 @@ def test_an_exception_in_a_check_fails_and_ends_no_other(monkeypatch):
 
 
 def test_a_group_holds_and_json_and_the_page_have_every_check(tmp_path):
-    told = []
+    told, begin = [], perf_counter()
     group = validate("geometry", progress=told.append)
+    assert 0 < group.seconds["geometry"] < perf_counter() - begin
     assert told == ["0 of 1 groups done: geometry"]
     assert group.summary == "12 of 12 checks pass"
     assert all(check.group == "geometry" and check.kind in KINDS for check in group.checks)
@@ -101,7 +110,6 @@ def test_a_group_holds_and_json_and_the_page_have_every_check(tmp_path):
     assert row[0].startswith("**geometry**: ")
     assert [int(row[1]), sum(int(part.partition(" ")[0]) for part in row[2].split(", "))] == [12, 12]
     assert [row[3], row[5]] == [f"{max(shares):.1g}", f"{found['seconds']['geometry']:.1f}"]
-    assert found["seconds"]["geometry"] > 0
     assert "[page.json](page.json)" in page
     assert all(f"{name} {number}" in page for name, number in found["versions"].items())
 

@@ -126,6 +126,9 @@ def test_a_line_separates_the_time_of_one_run_from_the_name_of_the_next(runs):
     assert {"d₁", "d₂", "d₃"} <= {*words(figure)}
     time, name = (next(t for t in ax.texts if t.get_text() in ("t = 0.80 s", "held")) for ax in figure.axes)
     figure.draw_without_rendering()
+    for ax, own in zip(figure.axes, ("free", "held"), strict=True):
+        (at,) = (t.get_window_extent().x0 for t in ax.texts if t.get_text() == own)
+        assert 0 < at - ax.bbox.x0 < 0.1 * ax.bbox.width
     (line,) = figure.artists
     border, left, right = (artist.get_window_extent() for artist in (line, time, name))
     assert border.x0 == border.x1 == pytest.approx(figure.bbox.width / 2)
@@ -329,6 +332,10 @@ def test_there_is_no_vertical_without_gravity(runs):
     motions = [Motion(content(run)) for run in runs[:1]]
     assert motions[0].data["weight"] is None
     assert camera_of(motions).upright == pytest.approx(np.eye(3))
+    lean = Rotation.from_euler("yz", (1.2, 2.0))  # a path on one side is seen there, and not from straight above
+    aside = nt.simulate(NONTWISTING, t_end=0.5, step=0.1, rotation=lean, material_angular_velocity=(1, 0, 0))
+    motion = Motion(content(aside))
+    assert 0.85 < motion.path.mean(0) @ camera_of([motion]).view()[2] < 0.92
     assert "g" not in words(still(motions, 1.0, 50))
     pulled = nt.DirectorSystem(np.eye(3), dead_force=[[0, 0, -1], [0, -1, 0], [0, 0, 0]])  # in two directions
     assert content(nt.simulate(pulled, t_end=1, step=0.1))["weight"] is None

@@ -611,6 +611,8 @@ def test_a_tube_closes_and_has_its_radius():
     (faces,) = plot.ribbon(circle, circle, **ABOVE).collections  # of 12 % of the size, which is 6 √2
     area = shoelace(np.array([path.vertices[:4] for path in faces.get_paths()])).sum()
     assert abs(area) == pytest.approx(2 * np.pi * 3 * 0.12 * 6 * np.sqrt(2), rel=1e-3)
+    (other,) = plot.ribbon(circle, -circle, **ABOVE).collections  # both sides are lit
+    assert np.sum(other.get_facecolors()) == pytest.approx(np.sum(faces.get_facecolors()))
     (faces,) = plot.ribbon(circle, [(0, 0, 2)] * 200, width=0.4, elevation=0, azimuth=0).collections
     assert np.ptp([path.vertices[:, 1] for path in faces.get_paths()]) == pytest.approx(0.4)
 

@@ -120,12 +120,47 @@ def test_recordings_are_shown_as_runs_are(case3):
     assert n == pytest.approx(turns.apply([1 / 3, 2 / 3, 2 / 3]), abs=1e-6)
 
 
+LOADS_IN_WORDS = [
+    "none",
+    "dry friction of up to 0.5 N m about (0, 0, 1)",
+    "sine (0, 0, 2) N m along fixed axes, 3 Hz, phase 0.5 rad",
+    "rectangle pulse (1, 0, 0) N m along the directors, from 1 to 2 s",
+    "damping 0.1 N m s",
+    "linear potential of the space vector (0, 1, 0)",
+    "gravity gradient on an orbit of eccentricity 0.1, mean motion 0.2 rad/s",
+    "triangle pulse (0, 2, −4) N m along the directors, from 0 to 0.2 s",
+    "sine (2, 4, 0) N m along the directors, 0.7 Hz",
+    "table of 2 moments of up to 2.828 N m along fixed axes",
+    "2 × function nontwist.validation.conserved.<lambda> along the directors",
+    "damping by a matrix",
+    "rotor about (0.4472, 0.8944, 0), table of 2 momenta from 2 to 5 kg m² s⁻¹",
+    "2 × dry friction of up to 2 N m",
+    "wheel of 0.5 kg m² about (0.4472, 0.8944, 0), at first 6 rad/s, with a motor",
+    "table of 2 director forces along fixed axes",
+    "2 × director forces of nontwist.validation.conserved.<lambda> along the directors",
+    "quadratic potential of the space vector (1, 0, 2)",
+    "spring 8 N/m from (0.2, 0.5, 1) m in the body to (1, 1, 0.5) m in space, rest length 0.7 m",
+    "gravity gradient on a circular orbit, mean motion 0.8 rad/s",
+    "2 × potential nontwist.validation.conserved.<lambda>",
+    "2 × function nontwist.validation.conserved.reaction with memory nontwist.validation.conserved.friction, "
+    "1 internal state",
+]
+
+
 def test_the_page_says_what_it_shows(free):
     how = {"t_end": 1, "step": 0.05, "material_angular_velocity": (1, 0, 1)}
     held = nt.simulate(nt.suslov([3, 4, 5], (0, 1, 0)), **how)
     top = nt.simulate(nt.heavy_top([2.0, 2.2, 1.0], 1.5, [0.1, 0.0, 0.6]), integrator="split", order=2, **how)
-    for motion in (free, nt.twist(free, axis="x"), held, top):
+    for motion, box, watch in (
+        (free, "the inertia of the body", "The body may turn about its own axis: the wedge is its twist"),
+        (nt.twist(free, axis="x"), "generic, since a recording has no inertia", "The wedge is the twist"),
+        (held, "the inertia of the body", "The body may not turn about n: the wedge remains closed"),
+        (top, "the inertia about the pivot; the line points to the centre of mass", "The body may turn about its own"),
+    ):
         page = content(motion)
+        assert page["about"]["Box"].startswith(box)
+        assert page["watch"].startswith(watch)
+        assert ("Arrows" in page["about"]) == (motion is not free and motion is not top)
         curves = [[each["title"], *(curve["letter"] for curve in each["curves"])] for each in page["panels"]]
         said(json.dumps([page["name"], page["about"], page["watch"], curves], ensure_ascii=False))
     usual = nt.simulate(nt.nontwisting([3, 4, 5]), t_end=1, step=0.5, angular_velocity=(1, 0, 0))
@@ -135,8 +170,8 @@ def test_the_page_says_what_it_shows(free):
     assert content(top)["about"]["Integrator"] == "split, order 2, step 0.05 s"
     others = nt.sine([0, 0, 2], 3, phase=0.5, frame="space"), nt.pulse([1, 0, 0], 1, 2, shape="rectangle")
     others += nt.damping(0.1), nt.dipole((0, 0, 1), (0, 1, 0)), nt.gravity_gradient(0.2, eccentricity=0.1)
-    for load in (0 * CASES[1].load(), nt.dry_friction(0.5, "z"), *others, *(2 * one for one in OF_TERMS.values())):
-        said(load_in_words(json.loads(json.dumps(load.description))))
+    loads = (0 * CASES[1].load(), nt.dry_friction(0.5, "z"), *others, *(2 * one for one in OF_TERMS.values()))
+    assert [load_in_words(json.loads(json.dumps(load.description))) for load in loads] == LOADS_IN_WORDS
 
 
 def test_long_runs_are_decimated_and_keep_their_peaks():

@@ -153,6 +153,21 @@ def test_members_side_by_side_take_less_than_one_after_the_other():
         alone, many = gauss.cost(one, 2).seconds, [notices.members_cost(gauss, one, 800, 2, 0, n) for n in (1, 4)]
         assert (many[0].seconds < 800 * alone / 4) == is_less
         assert many[0].seconds / many[1].seconds == pytest.approx(4 if is_less else 1)
+    for scheme in (INTEGRATORS["exact"](), INTEGRATORS["split"]()):  # one after the other, but in one call
+        alone = scheme.cost(problem(FREE, nt.pulse([1, 0, 0])), 2).seconds
+        assert notices.members_cost(scheme, problem(FREE, nt.pulse([1, 0, 0])), 800, 2).seconds == 800 * alone
+
+
+def test_compiled_schemes_differ_little_in_the_cost_of_a_substep():
+    """Those with more to solve take longer."""
+    free, held = (problem(body, nt.space_moment([0, 1], np.eye(3)[:2])) for body in (STANDARD, FREE))
+    seconds = [
+        INTEGRATORS[name]().cost(of, 2).seconds / INTEGRATORS[name]().nodes
+        for name, of in (("lie-midpoint", free), ("energy-momentum", free), ("split", held), ("split", free))
+    ]
+    assert [*seconds] == sorted(seconds)
+    assert seconds[-1] < 2.5 * seconds[0]
+    assert seconds[1] < INTEGRATORS["gauss"]().cost(free, 2).seconds / 4 < seconds[3]
 
 
 def test_long_or_large_runs_are_announced():

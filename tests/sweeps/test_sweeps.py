@@ -472,6 +472,7 @@ def test_the_commands(write):
     dry = nontwist("sweep", "sweep.toml", "--dry-run")
     for words in ("grid: start -1.0, end 1.0, count 5", "list: 2 values", "570 B", "57 bytes per member", "10 members"):
         assert words in dry.stdout
+    assert re.search(r"about \S+ .?s on \d+ cores like this one, without start-up \(\S+ .?s per member", dry.stdout)
     assert dry.stderr == "next: nontwist sweep sweep.toml --out sweep.zarr\n"
     options = ["--set", "time.step=0.25", "--set", "integrator.order=4", "--block", "2", "--workers", "1"]
     dry = nontwist("sweep", "sweep.toml", *options, "--dry-run", "--out", "a b.zarr")
@@ -486,9 +487,14 @@ def test_the_commands(write):
     shown = nontwist("sweep-show", "sweep.zarr")
     plotted = "--plot body.axis.0 body.axis.1 material_angular_velocity"
     assert shown.stderr == f"next: nontwist sweep-show sweep.zarr {plotted}\n"
-    for words in ("10 of 10 are done", "over body.axis.0", "material angular velocity at t_end", "quaternion"):
+    for words in ("10 of 10 are done, 0 failed", " s of work", "over body.axis.0", "velocity at t_end", "quaternion"):
         assert words in shown.stdout
     assert "per point" not in shown.stdout  # nothing is drawn
+    assert "reason of the first" not in shown.stdout
+    assert "│ 5       │ 0     │ " in nontwist("sweep-show", "coarse.zarr").stdout  # and the reason
+    verified = ended(0, "sweep-verify", "sweep.zarr").stdout
+    assert "sweep.zarr is complete" in verified
+    assert re.search("(.+) of \\1 are as they were written", verified)
     header, *lines = (line.split(",") for line in nontwist("export", "sweep.zarr").stdout.splitlines())
     members, table = open_sweep("sweep.zarr"), dict(zip(header, np.array(lines, dtype=float).T, strict=True))
     assert header[:4] == ["member", "body.axis.0", "body.axis.1", "quaternion_x"]

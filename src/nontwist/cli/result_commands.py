@@ -152,9 +152,8 @@ def _chosen(run: xarray.Dataset, names: str | None, kind: str) -> xarray.Dataset
         refuse((name not in known, "--columns", f"there is no variable {name!r}; {nearest(name, known)}"))
     events = [name for name in chosen if EVENTS in run[name].dims]
     if kind == "csv" and events and STATES in run.dims:
-        other = [name for name in chosen if name not in events]
-        for name in other[:1]:
-            why = f"{events[0]} has a line for each event, {name} has others; export them one after the other, or "
+        if other := [name for name in chosen if name not in events]:
+            why = f"{events[0]} has a line for each event, {other[0]} has others; export them one after the other, or "
             refuse((True, "--columns", f"{why}both with --to json or --to npz"))
         return run[list(dict.fromkeys(["t_events", *events]))]
     return run[chosen].assign_coords({name: run[name] for name in always})

@@ -21,6 +21,7 @@ that fit are a question, none a warning. What the caller states always acts, wit
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -149,11 +150,9 @@ def cosine(a: Array, b: Array) -> float:
 
 def sensor(table: Table, names: Sequence[str]) -> tuple[Array | None, str | None]:
     """Return the vectors of the first sensor that has one of these names, and the unit of rates that it states."""
-    for _, three in sensors(table.headers, names)[:1]:
-        try:
-            return table.vectors(three), rate_unit(*three)
-        except ValueError:
-            break
+    if found := sensors(table.headers, names):
+        with suppress(ValueError):
+            return table.vectors(found[0][1]), rate_unit(*found[0][1])
     return None, None
 
 

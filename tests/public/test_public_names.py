@@ -91,6 +91,18 @@ def test_an_attribute_that_a_public_module_lacks_is_guessed(module, name, hint):
     assert str(told.value).startswith(f"module {module.__name__!r} has no attribute {name!r}; {hint}")
 
 
+@pytest.mark.parametrize(
+    ("module", "told"),
+    [
+        (nontwist.rotations, "rotations is a module, not a function; did you mean nontwist.rotation? it has cayley, "),
+        (nontwist.curves, "curves is a module, not a function; it has closed_frame, "),
+    ],
+)
+def test_a_module_that_is_called_names_functions(module, told):
+    with pytest.raises(TypeError, match=f"^{re.escape(told)}"):
+        module([0, 0, 0, 1], scalar_first=False)
+
+
 BODY = nontwist.standard([3, 4, 5])
 LOOP = nontwist.stepper(BODY, 0.1)
 

@@ -316,7 +316,7 @@ def test_loads(case, write, tmp_path):
     file = read(write, f"{BODY}{TIME}[[load]]\n{text}\n")
     found = file.problem.load
     if case == "csv":
-        assert forecast(file).loads == ("csv (täglich 1.csv: 3 rows, 0 s to 2 s, up to 3 N m)",)
+        assert forecast(file).loads == ("csv (täglich 1.csv: 3 rows, 0 s to 2 s, up to 3 N m along an axis)",)
     t = np.array([0.05, 0.1, 0.25, 0.3, 0.49, 0.6, 0.95])
     for frame in ("body", "space"):
         assert found.sample(t, frame) == pytest.approx(expected.sample(t, frame), abs=1e-15)

@@ -259,6 +259,12 @@ test_bad_recordings_are_refused = refused_as(
 )
 
 
+def test_a_gyroscope_of_a_slow_body_is_saturated_as_well():
+    time, rates = free_part()
+    with pytest.raises(ValueError, match="the gyroscope is saturated"):
+        whole((30 * time, np.maximum(rates, -12.768) / 30))
+
+
 def test_twelve_samples_and_a_radian_are_enough():
     require_turning(Model(), np.arange(12.0), np.tile([0, 0, 0.1], (12, 1)), "it")
 

@@ -7,6 +7,7 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from nontwist import gravity_gradient, sensitivities, simulate, simulate_ensemble, standard
+from nontwist.errors import RunFileError
 from nontwist.loads.potentials import on_orbit
 from nontwist.runfile import read_run_file
 
@@ -56,7 +57,7 @@ def test_planar_motion_of_hyperion():
     assert abs(run.material_angular_velocity.values - np.outer(truth[1], [0, 0, 1])).max() < 1e-9
 
 
-def test_perigee_is_when_and_where_it_is_said_to_be():
+def test_perigee_is_when_and_where_it_is_said_to_be(write):
     later = gravity_gradient(0.7, (0, 1, 0), (1, 0, 0), 0.3, eccentricity=0.4)
     named = gravity_gradient(0.7, (0, 1, 0), (1, 0, 0), eccentricity=0.4, perigee_time=0.3)
     (term,), (same,) = later.terms, named.terms
@@ -67,6 +68,13 @@ def test_perigee_is_when_and_where_it_is_said_to_be():
     assert term.vectors_at(np.array([0.31]))[0, 0, 2] > 0
     assert term.resolution == pytest.approx(0.3 / 0.7 * 0.6**1.5 / 1.4**0.5)
     assert gravity_gradient(0.7).terms[0].resolution == 0.3 / 0.7
+    text = (
+        'body = { kind = "standard", inertia = [3, 4, 5] }\ntime = { t_end = 1 }\n[[load]]\nkind = "gravity_gradient"\n'
+    )
+    with pytest.raises(RunFileError) as told:
+        read_run_file(write(text + "mean_motion = 0.7\neccentricity = 0.4\nperigee_time = 0.3\n"))
+    (fault,) = told.value.problems
+    assert (fault.key, fault.accepted.split("?")[0]) == ("load.0.perigee_time", "did you mean start")
     with pytest.raises(ValueError, match="perigee_time = inf is not finite"):
         gravity_gradient(0.7, eccentricity=0.4, perigee_time=np.inf)
 

@@ -53,6 +53,11 @@ def test_the_names_are_those_of_the_stub_as_python_reads_it():
     }
 
 
+def test_the_help_of_the_package_is_its_table_of_contents():
+    named = [name for line in nontwist.__doc__.splitlines()[2:] for name in re.findall(r"\w+", line.partition(":")[2])]
+    assert {name for name in nontwist.__all__ if named.count(name) != 1} == set()
+
+
 def test_names_are_listed_for_completion_and_others_are_attribute_errors():
     assert {"simulate", "plot", "__version__"} <= set(dir(nontwist))
     assert nontwist.__version__
@@ -84,6 +89,18 @@ def test_an_attribute_that_a_public_module_lacks_is_guessed(module, name, hint):
     with pytest.raises(AttributeError) as told:
         getattr(module, name)
     assert str(told.value).startswith(f"module {module.__name__!r} has no attribute {name!r}; {hint}")
+
+
+@pytest.mark.parametrize(
+    ("module", "told"),
+    [
+        (nontwist.rotations, "rotations is a module, not a function; did you mean nontwist.rotation? it has cayley, "),
+        (nontwist.curves, "curves is a module, not a function; it has closed_frame, "),
+    ],
+)
+def test_a_module_that_is_called_names_functions(module, told):
+    with pytest.raises(TypeError, match=f"^{re.escape(told)}"):
+        module([0, 0, 0, 1], scalar_first=False)
 
 
 BODY = nontwist.standard([3, 4, 5])

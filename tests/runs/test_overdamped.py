@@ -347,8 +347,9 @@ def test_a_solver_that_damping_holds_to_too_many_steps_is_refused_before_it_begi
 
 
 @pytest.mark.parametrize("grid", [{"t_end": 5000, "step": 50.0}, {"t_end": 5000}, {"times": [0, 5000.0]}])
-def test_scipys_implicit_solvers_are_refused_with_steps_that_work(grid):
-    """Of runs of a million steps, after few: what is said is what gauss takes."""
+def test_scipys_implicit_solvers_are_refused_with_steps_that_work(grid, monkeypatch):
+    """Of runs of a million steps, after few: what is said is what gauss takes, whatever the words of the failure."""
+    monkeypatch.setattr("nontwist.integrators.continuous.TOO_FAST", "{} needs more than {} steps, after {} it is {}")
     how = {"rotation": Rotation.from_euler("x", 1.2), "load": nt.damping(1e4)}
     body = nt.heavy_top([1.1, 1.0, 0.4], mass=1.3, centre_of_mass=(0, 0, 0.8))
     with pytest.raises(
@@ -356,7 +357,11 @@ def test_scipys_implicit_solvers_are_refused_with_steps_that_work(grid):
     ) as told:
         nt.simulate(body, integrator=Continuous("Radau"), **how, **grid)
     steps = int(re.search(r"about (\d+) steps", str(told.value))[1])
-    assert "after 250 it" in str(told.value) or grid == {"t_end": 5000}
+    if isinstance(told.value, SimulationError):
+        assert told.value.status == Status.TOO_MANY
+        assert "after 250 it" in str(told.value)
+    else:
+        assert grid == {"t_end": 5000}
     assert nt.integrate(body, t_end=5000, **how).stretches.steps == pytest.approx(steps, rel=0.5)
 
 

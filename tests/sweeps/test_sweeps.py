@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import xarray
 from matplotlib.collections import QuadMesh
+from pydantic import ValidationError
 from scipy import stats
 from scipy.spatial.transform import Rotation
 
@@ -22,7 +23,8 @@ from nontwist.errors import RunFileError, Status, SweepError, SweepStoreError
 from nontwist.io.whole import locked
 from nontwist.runfile import read_run_file
 from nontwist.runfile.body import Body
-from nontwist.runfile.sweep_table import Sweep
+from nontwist.runfile.section import problems_of as faults_of
+from nontwist.runfile.sweep_table import KINDS, Sweep
 from nontwist.sweeps.members import InvalidMembersError, Members, stack, values
 from nontwist.sweeps.reading import draw
 from nontwist.sweeps.store import ABSENT, SweepStore, open_store
@@ -97,6 +99,20 @@ def test_grids_and_lists_are_a_product_the_last_fastest():
     together = values(table(over=[*pairs, EVERY_KIND[3]], combine="together", samples=2), 0, 6)
     np.testing.assert_allclose(together["g"], [1, 1, 10, 10, 100, 100], rtol=1e-15)
     assert together["l"].tolist() == [7, 7, 8, 8, 9, 9]
+
+
+def test_a_table_without_a_kind_is_a_list():
+    """And no other kind; one that is none is refused with all."""
+    assert table(over=[{"key": "l", "values": [1, 2]}]) == table(over=[{"key": "l", "kind": "list", "values": [1, 2]}])
+    with pytest.raises(ValidationError) as told:
+        table(over=[{"key": "u", "low": 0}, {"key": "l", "kind": 3, "values": [1]}])
+    faults = {one.key: one.accepted for one in faults_of(told.value)}
+    assert faults.keys() == {"over.0.low", "over.0.values", "over.1.kind"}
+    assert 'kind = "uniform"' in faults["over.0.low"]
+    assert all(f'"{kind}"' in faults["over.1.kind"] for kind in KINDS)
+    validator = pytest.importorskip("jsonschema").Draft202012Validator(Sweep.model_json_schema())
+    assert validator.is_valid({"over": [{"key": "l", "values": [1, 2]}]})
+    assert not validator.is_valid({"over": [{"key": "u", "low": 0, "high": 1}]})
 
 
 def test_a_key_draws_the_same_whatever_stands_beside_it():

@@ -21,7 +21,7 @@ from ..geometry.attitudes import States
 from ..integrators import DEFAULT, IVP, Integrator, SimulationError, SimulationInterrupt, Status, stack_march
 from ..integrators.base import Outcome
 from ..integrators.compiled import Compiled
-from ..integrators.continuous import DAMPED, MOST, Continuous, least_steps
+from ..integrators.continuous import MOST, Continuous, least_steps
 from ..integrators.costs import Cost, seconds_of_call
 from ..integrators.problem import Intervals, Stretches, stretched
 from ..loads import Load
@@ -163,8 +163,8 @@ def integrated(
     with progress_bar(grid.steps) if progress else nullcontext() as report:
         problem = plan.problem(begin, grid, intervals=plan.means, progress=report, marched=marched)
         outcome = completion.march(plan.scheme, problem)
-    if str(reason := outcome.reasons.get(0)).endswith(DAMPED) and (steps := damped_steps(plan, begin)):
-        outcome.reasons[0] = f"{reason}; use {steps}"
+    if outcome.failures[0, 0] == Status.TOO_MANY and (steps := damped_steps(plan, begin)):
+        outcome.reasons[0] = f"{outcome.reasons[0]}; use {steps}"
     return trajectory(plan.scheme, problem, outcome)
 
 

@@ -111,7 +111,7 @@ class Grid(Listed):
 class Values(Listed):
     """The values themselves."""
 
-    kind: Literal["list"]
+    kind: Literal["list"] = "list"
     values: Annotated[list[float] | list[list[float]] | list[list[list[float]]], BY_FORM] = entry(
         "a list of numbers, or a list of lists of the form that the key has"
     )
@@ -216,7 +216,7 @@ KINDS: dict[str, type[Over]] = {
     "sphere": Sphere,
     "rotation": Attitudes,
 }
-AnyOver = Annotated[Over, OneOf(KINDS)]
+AnyOver = Annotated[Over, OneOf(KINDS, default="list")]
 
 Reduction = Annotated[str, OneOf(dict.fromkeys(STATISTICS))]
 Variable = Annotated[str, OneOf(ChainMap(OBSERVABLES, dict.fromkeys(KEPT)))]
@@ -230,7 +230,7 @@ class Sweep(Section):
     """Many runs of the file, each with numbers of its own; what is kept is the state at t_end."""
 
     over: list[AnyOver] = entry(
-        f"tables [[sweep.over]], in double brackets, 1 to {MOST_KEYS}, each with a key and a kind",
+        f"tables [[sweep.over]], in double brackets, 1 to {MOST_KEYS}, each with a key and a kind, else a list",
         min_length=1,
         max_length=MOST_KEYS,
     )

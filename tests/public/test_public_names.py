@@ -53,6 +53,11 @@ def test_the_names_are_those_of_the_stub_as_python_reads_it():
     }
 
 
+def test_the_help_of_the_package_is_its_table_of_contents():
+    named = [name for line in nontwist.__doc__.splitlines()[2:] for name in re.findall(r"\w+", line.partition(":")[2])]
+    assert {name for name in nontwist.__all__ if named.count(name) != 1} == set()
+
+
 def test_names_are_listed_for_completion_and_others_are_attribute_errors():
     assert {"simulate", "plot", "__version__"} <= set(dir(nontwist))
     assert nontwist.__version__

@@ -69,6 +69,10 @@ def test_what_is_more_than_round_off_is_printed(tmp_path):
     assert shown["swing-twist angle"] == "3.98e-12 rad"
     assert shown["largest twist rate"].startswith("2e-12 rad/s at t = ")
     assert shown["largest turn between samples"] == "2e-14 rad"
+    every = f"every {T[1] - T[0]:.4g} s (at most {np.diff(T).max():.4g} s)"
+    assert shown["samples"] == f"{T.size}, {T[-1] - T[0]:.6g} s, {every}"
+    noise = "of noise, independent from sample to sample, one standard deviation"
+    assert shown["±"].replace("|", " ") == f"{noise}; of sampling, an estimate of the error"
 
 
 def test_rates_are_printed_to_what_their_noise_supports(tmp_path):

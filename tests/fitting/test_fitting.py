@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 import nontwist as nt
 from conftest import ended
 from fit_errors import FREE, apart, assert_as_wide, csv, farthest, off, off_by, recorded, share_covered, whole
+from nontwist.fitting.intervals import falls
 from nontwist.fitting.predictions import Motion, RunawayError, response
 from nontwist.fitting.reports import _number as number_in_words
 from nontwist.fitting.shooting import correlation, noise_of, require_turning, stacked
@@ -171,7 +172,7 @@ def test_steady_spin_tells_the_axis_and_no_moment(here):
     in_degrees("spin.csv", recording.time.values, recording.gyroscope.values)
     result = ended(3, "fit", "spin.csv", "--out", "body.toml")
     assert "undetermined" in result.stdout
-    assert "not written: " in result.stderr
+    assert "not written: body.toml, because the recordings do not determine the inertia" in result.stderr
     assert not (here / "body.toml").exists()
 
 
@@ -205,6 +206,12 @@ def test_the_flight_is_found_between_release_and_catch():
     assert 0.74 <= part.time[0] <= 0.79
     assert 1.31 <= part.time[-1] <= 1.35
     assert farthest(fit, PHONE / np.trace(PHONE)) < 4
+
+
+def test_a_fall_is_seen_in_either_unit():
+    time, read = np.arange(100) / 100, np.tile([0, 0, 1.0], (100, 1))
+    read[30:60] *= 0.1
+    assert [falls(time, unit * read) for unit in (1.0, 9.81)] == [[(30, 60)]] * 2
 
 
 # What is said of bad recordings
@@ -250,6 +257,12 @@ test_bad_recordings_are_refused = refused_as(
         "plot": lambda: whole(throw(1)[1]).plot(1),
     }
 )
+
+
+def test_a_gyroscope_of_a_slow_body_is_saturated_as_well():
+    time, rates = free_part()
+    with pytest.raises(ValueError, match="the gyroscope is saturated"):
+        whole((30 * time, np.maximum(rates, -12.768) / 30))
 
 
 def test_twelve_samples_and_a_radian_are_enough():

@@ -323,6 +323,9 @@ def test_a_pendulum_hangs_downwards_on_the_picture(lean, down):
     (word,) = [text for text in ax.texts if text.get_text() == "g"]
     x, y = np.array([*word.get_position()])
     assert y < x - 0.05
+    (arrow,) = [one for one in ax.texts if not one.get_text() and one.zorder == word.zorder]
+    along = np.subtract(arrow.xy, arrow.xyann)
+    assert along / np.linalg.norm(along) == pytest.approx([unit @ right / abs(unit @ up), -1], abs=1e-9)
     assert np.hypot(x, y) > 1.2  # beside the sphere
     (dashed,) = [line for line in ax.lines if line.get_color() == colours()["muted"]]
     assert np.stack(dashed.get_data(), axis=1) == pytest.approx(np.outer([-1, 1], [unit @ right, unit @ up]))

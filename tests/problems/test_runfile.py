@@ -313,7 +313,10 @@ def test_loads(case, write, tmp_path):
     write("Zeit (s);mx;my;mz\n0;0;0;0\n0,5;1;2,5;3,0e0\n2;0;1;0\n", "commas.csv")
     write("t,quality,M1,M2,M3\n0,good,1,2,3\n2,bad,4,5,6\n", "wide.csv")
     text, expected = LOADS[case]
-    found = read(write, f"{BODY}{TIME}[[load]]\n{text}\n").problem.load
+    file = read(write, f"{BODY}{TIME}[[load]]\n{text}\n")
+    found = file.problem.load
+    if case == "csv":
+        assert forecast(file).loads == ("csv (täglich 1.csv: 3 rows, 0 s to 2 s, up to 3 N m along an axis)",)
     t = np.array([0.05, 0.1, 0.25, 0.3, 0.49, 0.6, 0.95])
     for frame in ("body", "space"):
         assert found.sample(t, frame) == pytest.approx(expected.sample(t, frame), abs=1e-15)

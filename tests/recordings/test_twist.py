@@ -140,6 +140,7 @@ FORMS = {
     "quaternions, flipped signs": lambda: (R.as_quat() * np.where(np.arange(60) % 3, 1, -1)[:, None], T),
     "DataFrame, a column again": lambda: (pandas.concat([table(), table()[["Time (s)"]]], axis=1), None),
     "DataFrame, matrix": lambda: (matrix_table(), None),
+    "DataFrame, by number": lambda: (pandas.DataFrame(R.as_quat(), columns=["q1", "q2", "q3", "q4"]), T),
     "DataArray": lambda: (xarray.DataArray(R.as_quat(), {"time": T, "quat": list("xyzw")}, ("time", "quat")), None),
     "Dataset": lambda: (
         xarray.Dataset({"directors": (("time", "director", "axis"), np.swapaxes(R.as_matrix(), 1, 2))}, {"time": T}),

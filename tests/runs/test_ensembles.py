@@ -171,9 +171,14 @@ def test_stacks_say_which_body_is_wrong():
     assert again.axis == pytest.approx(stack.axis, abs=1e-15)
 
 
-@pytest.mark.parametrize(("name", "integrator"), [("suslov", "lie-midpoint"), ("top", "energy-momentum")])
+@pytest.mark.parametrize(
+    ("name", "integrator"), [("suslov", "lie-midpoint"), ("top", "energy-momentum"), ("nontwisting", "split")]
+)
 def test_statistics_are_those_of_the_full_run(name, integrator):
+    """Also where nothing acts any more, and nothing is integrated."""
     bodies, arguments = problem(name, "sum" if name == "suslov" else "body", 5)
+    if name == "nontwisting":
+        arguments["load"] = nt.pulse((1, 2, 0), 0.6, 1.1)
     how = {"t_start": 0.5, "t_end": 2.5, "step": 0.01, "order": 2, "integrator": integrator}
     if name == "top":
         arguments["load"] += nt.spring(3.0, (0.1, 0.2, 0.3), (1, -2, 4))
@@ -186,7 +191,9 @@ def test_statistics_are_those_of_the_full_run(name, integrator):
             dim, close = run[key].dims[0], {"rel": 1e-12, "abs": 1e-11 * max(1, float(abs(run[key]).max()))}
             mean = run[key].mean(dim) if dim == "midtime" else run[key].integrate("time") / 2
             for kind, expected in (("min", run[key].min(dim)), ("max", run[key].max(dim)), ("mean", mean)):
-                assert mine[f"{key}_{kind}"].values == pytest.approx(expected.values, **close)
+                by_gauss = integrator == "split" and kind == "mean"  # and not by the trapezoidal rule
+                how_close = {"rel": 1e-5, "abs": 1e-5} if by_gauss else close
+                assert mine[f"{key}_{kind}"].values == pytest.approx(expected.values, **how_close)
         assert float(mine.total_twist) == pytest.approx(float(run.twist_rate.integrate("time")), abs=1e-11)
         assert float(mine.energy_drift) <= 1e-12 * float(run.kinetic_energy.max())
     assert ("reaction_moment_min" in many, "momentum_drift" in many) == (name != "top", False)

@@ -227,7 +227,8 @@ test_wrong_events_are_named = refused_as(
         "a function that fails": refused_events(lambda t, state: 1 / 0),
         "a function of no number": refused_events(lambda t, state: "high"),
         "no axis": lambda: nt.axis_crosses((0, 0, 0)),
-        "cosine": lambda: nt.axis_crosses(cosine=1.5),
+        "cosine": lambda: nt.axis_crosses(cosine=1.0),
+        "cosine below": lambda: nt.axis_crosses(cosine=-1.0),
         "spin": lambda: nt.spin_below(0),
     }
 )

@@ -245,6 +245,9 @@ def test_more_decays_than_round_off_allows_are_refused_with_what_works(monkeypat
     assert not marched
     assert scheme.get("integrator") or re.search(f"of which at most {most} are resolved", str(refused.value))
     longest, step = (float(x) for x in re.findall(r"(?:t_end <=|step =) (\S+) s", str(refused.value)))
+    with pytest.raises(ValueError, match="t_end <= ") as refused:
+        nt.simulate(OIL, **task | {"t_start": 3 * longest, "t_end": 3 * longest + task["t_end"]} | scheme)
+    assert float(re.search(r"t_end <= (\S+) s", str(refused.value))[1]) == pytest.approx(4 * longest, rel=0.05)
     short = nt.integrate(OIL, **task | {"t_end": longest}, tolerance=1e-6)
     assert 1 - angles(short)[-1] == pytest.approx(WEIGHT * np.sin(1) / c * longest - rate * J / c, rel=1e-3)
     with pytest.warns(UserWarning, match="does not resolve"):

@@ -15,12 +15,12 @@ import nontwist as nt
 from conftest import ended
 from fit_errors import CENTRE, FREE, HEADER, MASS, apart, csv, differences, farthest, off_by, recorded, whole
 from fit_errors import PIVOTED as J
-from nontwist.fitting.bodies import Model, Pivot, Wheel, entries, symmetric
 from nontwist.fitting.estimating import pencil, short, with_moments
 from nontwist.fitting.measuring import IDEAL, Gyroscope, as_speed
-from nontwist.fitting.motions import Motion, response
+from nontwist.fitting.predictions import Motion, response
 from nontwist.fitting.shooting import Shooting, Stretch, Unknowns
 from nontwist.fitting.telling import covariance, quantile
+from nontwist.fitting.unknowns import Model, Pivot, Wheel, entries, symmetric
 from nontwist.geometry.attitudes import ENTRIES
 from nontwist.runfile import read_run_file
 from refusals import refused, refused_as, says

@@ -19,9 +19,9 @@ import nontwist
 from ..errors import RunFileError, SimulationError, SimulationInterrupt
 from ..geometry.values import nearest, number_text
 from ..io.whole import require_free, written
-from .options import Answer, Force, Opt, Overrides, RunFiles, argument, refuse, require_folder, require_suffix
 from .outcomes import BAD_DATA, INTERRUPTED, IO, SOLVER, CommandError, about, on_file
 from .printing import print_rows, say, say_next, say_written, shown_unit
+from .shared_options import Answer, Force, Opt, Overrides, RunFiles, argument, refuse, require_folder, require_suffix
 from .view_commands import smooth
 
 if TYPE_CHECKING:
@@ -53,7 +53,7 @@ def run_command(
     part, too.
     """
     from ..driver.notices import sigterm_interrupts
-    from ..io.results import reserved
+    from ..io.run_files import reserved
 
     run_files = read_all(files, overrides)
     targets = {path: _target(path, one, out, len(files)) for path, one in run_files.items()}
@@ -280,7 +280,7 @@ def forecast_rows(run_file: RunFile, forecast: Forecast) -> dict[str, str]:
 def steps_of(run: xarray.Dataset) -> dict[str, int]:
     """Return how many steps a run has taken, as {"steps": N}; nothing of a run without steps or states."""
     from ..analysis.trajectory import stretches_from
-    from ..integrators.problem import FIT
+    from ..integrators.ivp import FIT
 
     time, grid, h = run["time"].values, stretches_from(run.attrs.get("stretches")), run.attrs.get("step")
     if h is None or not len(time):
@@ -292,7 +292,7 @@ def steps_of(run: xarray.Dataset) -> dict[str, int]:
 def run_numbers(run: xarray.Dataset) -> dict[str, Any]:
     """Return what was done in a run and how well its invariants were kept, as plain data."""
     from ..analysis.trajectory import stretches_from
-    from ..io.results import record
+    from ..io.run_files import record
 
     time, iterations = run["time"].values, run.get("newton_iterations")
     numbers = {name: value for name, value in record(run).items() if name in TOLD}

@@ -22,9 +22,9 @@ import numpy as np
 from ..errors import warn
 from ..geometry.values import number_text
 from ..integrators import IVP, Integrator, Status
-from ..integrators.base import Failure, Outcome
 from ..integrators.costs import Cost
-from ..integrators.problem import Stretches
+from ..integrators.integrator import Failure, Outcome
+from ..integrators.ivp import Stretches
 from ..loads import Load
 from ..loads.functions import name_of
 from ..models.stack import SystemStack

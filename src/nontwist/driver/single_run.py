@@ -19,11 +19,11 @@ from ..errors import warn
 from ..geometry.arrays import largest_size
 from ..geometry.attitudes import States
 from ..integrators import DEFAULT, IVP, Integrator, SimulationError, SimulationInterrupt, Status, stack_march
-from ..integrators.base import Outcome
 from ..integrators.compiled import Compiled
 from ..integrators.continuous import MOST, Continuous, least_steps
 from ..integrators.costs import Cost, seconds_of_call
-from ..integrators.problem import Intervals, Stretches, stretched
+from ..integrators.integrator import Outcome
+from ..integrators.ivp import Intervals, Stretches, stretched
 from ..loads import Load
 from . import completion, notices
 from .contacts import refusal

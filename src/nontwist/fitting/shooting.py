@@ -23,9 +23,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..geometry.arrays import Array
-from .bodies import Model, entries, symmetric
 from .measuring import Gyroscope, Speed, finite_rows, gaps, triangle
-from .motions import Line, Motion, response
+from .predictions import Line, Motion, response
+from .unknowns import Model, entries, symmetric
 
 UNIT = 1e-6  # how closely directions have the length 1
 CONSTRAINED = 1e4  # weight of a constraint on W, over that of a sample

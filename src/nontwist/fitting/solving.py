@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 
 from ..geometry.arrays import Array
-from .motions import RunawayError
+from .predictions import RunawayError
 from .shooting import Residuals, Rows, Shooting, Unknowns, lengths, residuals, stacked
 from .slow_noise import SlowNoise, noise_of_residuals
 

@@ -22,10 +22,10 @@ import numpy as np
 
 from ..geometry.arrays import Array
 from ..geometry.attitudes import BASIS, ENTRIES
-from .bodies import TWICE, entries, symmetric
 from .estimating import INSIDE
-from .motions import RunawayError
+from .predictions import RunawayError
 from .solving import Solution, solve
+from .unknowns import TWICE, entries, symmetric
 
 UNTOLD = 0.05  # of the trace: a direction with a larger standard error is not told
 SINGULAR = 1e-12  # of the largest information: none

@@ -36,7 +36,7 @@ from ..driver.starts import starts
 from ..errors import RunFileError
 from ..geometry.arrays import UNIT, Array, as_direction, norm
 from ..integrators import IVP, Integrator
-from ..integrators.problem import COLUMNS, stretched
+from ..integrators.ivp import COLUMNS, stretched
 from ..models.bodies import BODIES, many_euler
 from ..models.stack import SystemStack, doubtful
 from ..models.system import DirectorSystem
@@ -44,7 +44,7 @@ from ..runfile import RunFile
 from ..runfile.body import Body
 from ..runfile.document import checked, with_loads
 from ..runfile.files import Fault, Folder, shown
-from ..runfile.loads import AnyLoad
+from ..runfile.load_tables import AnyLoad
 from ..runfile.section import in_toml, problems_of
 from ..runfile.sweep_table import Drawn, Sweep, is_axis
 from ..units import RATE

@@ -39,7 +39,7 @@ from ..kernels.machine_code import tracer
 from ..kernels.memory import Doubles, View, doubles, view_of
 from ..kernels.series import Recurrence, Stored
 from ..kernels.vectors import Matrix, Symmetric, Vector, cross, inverse_of
-from .bodies import Model, entries
+from .unknowns import Model, entries
 
 ORDER, EXACT = 20, 1e-11
 LANES, TINY = 4, 1e-300

@@ -128,17 +128,16 @@ def _run(run_file: RunFile, path: Path, target: Path, write: Any, figures: Seque
     seconds = perf_counter() - started
     with about(f"cannot write {target}", OSError):
         write(run)
-    written = [target]
-    if stopped is None:
-        drawn = run
-        if figures:
-            with suppress(ValueError, SimulationError):  # a load that ends here, or a step that fails
-                drawn = smooth(run, run_file.prepared.plan.load)
+    written, numbers = [target], {"file": str(path), "result": str(target), **run_numbers(run), "seconds": seconds}
+    if stopped is None and figures:
+        started, drawn = perf_counter(), run
+        with suppress(ValueError, SimulationError):  # a load that ends here, or a step that fails
+            drawn = smooth(run, run_file.prepared.plan.load)
         written += [figure for name in figures for figure in _draw(drawn, target, name, answer.force)]
-    else:
+        numbers["figure_seconds"] = perf_counter() - started
+    elif stopped is not None:
         say(f"{path}: {stopped}", "red")
         say(f"{path}: the completed part, up to t = {float(run['time'][-1]):.12g} s, is saved in {target}", "red")
-    numbers = {"file": str(path), "result": str(target), **run_numbers(run), "seconds": seconds}
     if answer.in_words(numbers | {"written": [*map(str, written)]}):
         print_rows(numbers["title"], run_rows(numbers))
     moves = [("view", target)] if run.sizes["time"] > 1 else []
@@ -363,4 +362,7 @@ def run_rows(numbers: Mapping[str, Any]) -> dict[str, str]:
         rows["Newton iterations"] = f"at most {numbers['newton_iterations']} per step"
     if numbers["status"] == 0 and numbers["message"] != "done":
         rows["end"] = numbers["message"]
-    return rows | {"time taken": f"{number_text(numbers['seconds'], '.3g')} s, with start-up"}
+    drawn = (
+        f", and {number_text(numbers['figure_seconds'], '.3g')} s for figures" if "figure_seconds" in numbers else ""
+    )
+    return rows | {"time taken": f"{number_text(numbers['seconds'], '.3g')} s, with start-up{drawn}"}

@@ -20,8 +20,8 @@ from typer.testing import CliRunner
 from conftest import ended, nontwist
 from nontwist import open_run, read_motion, rotation, save_run, simulate, standard, twist
 from nontwist.cli import app, outcomes
-from nontwist.cli.options import command
 from nontwist.cli.recording_commands import parse_axis, twist_command
+from nontwist.cli.shared_options import command
 from nontwist.runfile.document import Integrator, Start, Time
 from refusals import said
 

@@ -85,7 +85,7 @@ def test_csv_reads_back_bit_for_bit(files, tmp_path, monkeypatch):
     ended(0, "export", files / "top.nc", "--out", tmp_path / "top.csv")
     assert shown == (tmp_path / "top.csv").read_text(encoding="utf-8")
     for rows in (1, 2, 3, 11):
-        monkeypatch.setattr("nontwist.io.results.ROWS", rows)
+        monkeypatch.setattr("nontwist.io.run_files.ROWS", rows)
         assert nontwist("export", files / "top.nc").stdout == shown
     header, *rows = csv.reader(shown.splitlines())
     assert header[:5] == ["time [s]", *(f"directors_1_{x}" for x in "xyz"), "directors_2_x"]

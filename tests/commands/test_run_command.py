@@ -96,6 +96,28 @@ def test_the_first_five_minutes(here):
     assert open_run("heavy_top.nc").sizes["time"] == 21
 
 
+@pytest.mark.usefixtures("undrawn")
+def test_the_time_that_figures_take_is_told(here, monkeypatch):
+    here(BODY + TIME + START)
+    now = [0.0]
+
+    def lasting(seconds, function):
+        def call(*given, **keywords):
+            now[0] += seconds
+            return function(*given, **keywords)
+
+        return call
+
+    monkeypatch.setattr("nontwist.cli.run_commands.perf_counter", lambda: now[0])
+    monkeypatch.setattr(package, "simulate", lasting(2.0, simulate))
+    monkeypatch.setattr(package.plot, "save", lasting(3.0, package.plot.save))
+    drawn = ["--set", 'output.figures=["energy", "path"]', "--force"]
+    found = numbers_of("run", "run.toml", *drawn)
+    assert (found["seconds"], found["figure_seconds"]) == (2.0, 6.0)
+    assert "│ 2 s, with start-up, and 6 s for figures" in ended(0, "run", "run.toml", *drawn).stdout
+    assert "2 s, with start-up  " in ended(0, "run", "run.toml", "--force").stdout
+
+
 def test_numbers_as_json_of_the_run_of_simulate(here):
     here(BODY + TIME + START)
     found = numbers_of("run", "run.toml", "--set", "title='[\"été\"]'")

@@ -12,12 +12,12 @@ from scipy.spatial.transform import Rotation
 import nontwist as nt
 from conftest import ended
 from fit_errors import FREE, apart, assert_as_wide, csv, farthest, off, off_by, recorded, share_covered, whole
-from nontwist.fitting.bodies import TRACELESS, Model, entries
 from nontwist.fitting.intervals import falls
-from nontwist.fitting.motions import Motion, RunawayError, response
+from nontwist.fitting.predictions import Motion, RunawayError, Track, responses
 from nontwist.fitting.reports import _number as number_in_words
 from nontwist.fitting.shooting import correlation, noise_of, require_turning, stacked
 from nontwist.fitting.telling import beyond_the_wall, quantile, to_the_wall
+from nontwist.fitting.unknowns import TRACELESS, Model, entries
 from nontwist.recordings.headers import ACCELEROMETER, GYROSCOPE, rate_unit
 from nontwist.recordings.headers import sensors as three_axes
 from nontwist.runfile import read_run_file
@@ -66,7 +66,7 @@ def in_degrees(path, time, rates, header=HEADER, *more):
 
 def test_a_motion_that_runs_away_is_given_up():
     with pytest.raises(RunawayError, match="not finite, or needs too many steps"):
-        response(Motion(Model(damping=1), FREE, np.array([-30.0])), W, np.linspace(0, 2, 300))
+        responses(Motion(Model(damping=1), FREE, np.array([-30.0])), [Track(W, np.linspace(0, 2, 300))])
 
 
 # Estimates

@@ -10,11 +10,11 @@ from scipy.spatial.transform import Rotation
 
 from many_digits import exact, mp_cross, mp_dot
 from nontwist.exact import polygon_turn
-from nontwist.geometry.curves import frame_along, frame_of_curve
+from nontwist.geometry.curve_frames import frame_along, frame_of_curve
 from nontwist.geometry.frames import closed_frame, frame_error_estimate, holonomy, nontwisting_frame, solid_angle
-from nontwist.validation.frames import path as angles
-from nontwist.validation.frames import transported
-from nontwist.validation.frames import triad_at as triad
+from nontwist.validation.frame_checks import path as angles
+from nontwist.validation.frame_checks import transported
+from nontwist.validation.frame_checks import triad_at as triad
 from refusals import refused_as
 
 AXES = np.eye(3)

@@ -14,7 +14,7 @@ from conftest import or_long
 from covering.problems import BODIES, made_load, schemes
 from nontwist.engine import marching
 from nontwist.integrators import EnergyMomentum, gauss_newton
-from nontwist.integrators import marching as stack_marching
+from nontwist.integrators import marched_stacks as stack_marching
 from nontwist.integrators.compiled import Compiled
 from nontwist.integrators.stack_march import StackMarch
 from nontwist.integrators.stepping import in_threads

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 import nontwist as nt
 from conftest import cross
 from nontwist.errors import SimulationError, Status
-from nontwist.loads.base import moment_at, of_body
+from nontwist.loads.load import moment_at, of_body
 from refusals import refused_as
 
 PENDULUM = nt.heavy_top([1.01, 1.01, 0.01], mass=1, centre_of_mass=(0, 0, 1))

@@ -14,7 +14,7 @@ from typer.main import get_command
 
 import nontwist
 from nontwist.cli import app
-from nontwist.cli.options import meaning
+from nontwist.cli.shared_options import meaning
 
 ROOT = Path(__file__).parents[2]
 SHEET = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")

@@ -15,7 +15,7 @@ from rich.cells import cell_len
 import exact_reference as reference
 from conftest import ended
 from nontwist import validate
-from nontwist.validation import GROUPS, KINDS, Check, frames
+from nontwist.validation import GROUPS, KINDS, Check, frame_checks
 from nontwist.validation.checks import module_of, numbers, share
 from nontwist.validation.closed_forms import many_digits
 from nontwist.validation.problems import all_are, drift, error, order, turns_apart
@@ -63,9 +63,9 @@ def test_quick_checks_hold(name):
 
 
 def test_a_wrong_expected_value_fails(monkeypatch, tmp_path):
-    checks = [check for function in frames.CHECKS["geometry"] for check in function()]
+    checks = [check for function in frame_checks.CHECKS["geometry"] for check in function()]
     checks[0] = replace(checks[0], expected=1.0, tolerance=1e-9)
-    monkeypatch.setitem(frames.CHECKS, "geometry", (lambda: checks,))
+    monkeypatch.setitem(frame_checks.CHECKS, "geometry", (lambda: checks,))
     page = tmp_path / "page.md"
     lines = ended(1, "validate", "--group", "geometry", "--page", page, COLUMNS="80").stdout.splitlines()
     assert [sum(f" {word} " in line for line in lines) for word in ("FAIL", "PASS")] == [1, 11]
@@ -82,8 +82,8 @@ def test_an_exception_in_a_check_fails_and_ends_no_other(monkeypatch):
         yield from checks[:3]
         raise ArithmeticError("it broke")
 
-    checks = [check for function in frames.CHECKS["geometry"] for check in function()]
-    monkeypatch.setitem(frames.CHECKS, "geometry", (broken, lambda: checks[3:]))
+    checks = [check for function in frame_checks.CHECKS["geometry"] for check in function()]
+    monkeypatch.setitem(frame_checks.CHECKS, "geometry", (broken, lambda: checks[3:]))
     group = validate("geometry")
     assert group.summary == "12 of 13 checks pass"
     assert group.checks[3].name == "exceptions of broken: ArithmeticError: it broke"

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from conftest import STANDARD, ended, nontwist
 from nontwist import save_run, simulate
 from nontwist.geometry.attitudes import euler_angles
-from nontwist.io.results import with_euler
+from nontwist.io.run_files import with_euler
 from nontwist.runfile import read_run_file
 from refusals import refused, warned
 

@@ -42,7 +42,7 @@ from nontwist import (
 from nontwist.analysis import OBSERVABLES, Observable
 from nontwist.inertia import euler_inertia
 from nontwist.integrators import INTEGRATORS
-from nontwist.integrators.base import Integrator
+from nontwist.integrators.integrator import Integrator
 from nontwist.integrators.stepping import march
 from nontwist.loads import LOADS, DirectorForces
 from nontwist.models.bodies import BODIES, KEYS, BodyKind, many_euler, sample_bodies
@@ -430,7 +430,7 @@ def test_the_code_of_the_pages_passes_strict_checks_of_types(tmp_path):
     names = [path.stem for path in (ROOT / "docs" / "contributing").glob("*.md")]
     files = {f"{name}_{k}.py": code for name in names for k, code in enumerate(blocks_of_the_page(name))}
     (line,) = re.findall(r"`(counts = [^`]+)`", page("integrator"))
-    header = "from nontwist.integrators.base import Integrator\n\n\n"
+    header = "from nontwist.integrators.integrator import Integrator\n\n\n"
     files["counts.py"] = f'{header}class Third(Integrator):\n    name = "third"\n    orders = (3,)\n    {line}\n'
     assert "body_0.py" in files
     for name, code in files.items():

@@ -7,8 +7,8 @@ import pytest
 from nontwist import simulate
 from nontwist.errors import RunFileError
 from nontwist.runfile import read_run_file
+from nontwist.runfile.basic_tables import Time
 from nontwist.runfile.body import Body
-from nontwist.runfile.tables import Time
 
 RUN = """
 body = { kind = "standard", inertia = { mesh = { file = "box.obj", mass = 6 } } }

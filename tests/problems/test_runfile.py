@@ -24,11 +24,11 @@ from nontwist.integrators import INTEGRATORS
 from nontwist.models.bodies import BODIES as KINDS_OF_BODIES
 from nontwist.paper.tables import invariants_table
 from nontwist.runfile import read_run_file
+from nontwist.runfile.basic_tables import Start
 from nontwist.runfile.body import MAKERS, Body
 from nontwist.runfile.document import Integrator, Output, Time, checked, forecast
 from nontwist.runfile.files import Folder, document, toml_text
-from nontwist.runfile.loads import Tables
-from nontwist.runfile.tables import Start
+from nontwist.runfile.load_tables import Tables
 from refusals import said, says
 
 PLACE = Path(__file__).parents[2]

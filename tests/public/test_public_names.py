@@ -40,6 +40,11 @@ def test_names_survive_every_import(seed):
     subprocess.run([sys.executable, "-c", code], check=True)
 
 
+def test_modules_have_names_of_their_own():
+    last = [name.rsplit(".", 1)[1] for name in modules()]
+    assert [name for name in last if last.count(name) > 1] == []
+
+
 def test_no_module_bears_the_name_of_a_public_function():
     last = {name.rsplit(".", 1)[1] for name in modules()}
     assert last & (set(nontwist.__all__) - NAMESPACES) == set()

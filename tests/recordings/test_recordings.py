@@ -20,7 +20,7 @@ from scipy.spatial.transform import Rotation
 
 from conftest import ended
 from nontwist import read_motion, rotation, twist
-from nontwist.recordings.checks import evidence_of
+from nontwist.recordings.conventions import evidence_of
 from nontwist.recordings.formats import READERS, libraries
 from nontwist.recordings.reading import read_rates
 from nontwist.recordings.table import Table

@@ -15,7 +15,7 @@ from conftest import BODIES, NONTWISTING, PAPER_J, STANDARD
 from covering.problems import FULL as TILTED
 from nontwist import plot
 from nontwist.comparison import comparing, reference, summary, table
-from nontwist.comparison.tables import times_to
+from nontwist.comparison.comparison_table import times_to
 from nontwist.integrators import Continuous, EnergyMomentum, LieMidpoint
 from refusals import says
 

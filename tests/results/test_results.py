@@ -14,7 +14,7 @@ import xarray
 from conftest import BODIES
 from nontwist import open_run, save_run, simulate, sine
 from nontwist.errors import ResultFileError
-from nontwist.io.results import LENGTH, SEAL, reserved
+from nontwist.io.run_files import LENGTH, SEAL, reserved
 from refusals import says
 
 HOW = {"t_end": 0.3, "step": 0.01, "angular_velocity": [1, -2, 0.5], "project": True, "load": sine([1, 2, 0.5], 3)}

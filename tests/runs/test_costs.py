@@ -18,6 +18,7 @@ from nontwist.integrators.costs import Cost
 from nontwist.models.stack import stacked
 from nontwist.runfile import read_run_file
 from nontwist.runfile.document import forecast
+from nontwist.sweeps.members import Members, values
 from refusals import said, says
 
 BODY = '[body]\nkind = "nontwisting"\ninertia = [3, 4, 5]\n[time]\nt_end = 1\nstep = 0.1\n'
@@ -158,6 +159,36 @@ def test_members_side_by_side_take_less_than_one_after_the_other():
         assert notices.members_cost(scheme, problem(FREE, nt.pulse([1, 0, 0])), 800, 2).seconds == 800 * alone
 
 
+PUSH_BODY = '[[load]]\nkind = "pulse"\nframe = "body"\namplitude = [1, 0, 0]\nend = 1\n'
+WHEEL = '[[load]]\nkind = "wheel"\naxis = "x"\ninertia = 0.1\n'
+FIVE, DRAWN = 'kind = "grid", start = 1, end = 2, count = 5', 'kind = "uniform", low = 3, high = 4'
+
+
+@pytest.mark.parametrize(
+    ("loads", "over", "combine", "count"),
+    [
+        (PUSH_BODY, {"start.angular_velocity.body.0": FIVE, "body.inertia.0": DRAWN}, "product", 1),
+        (PUSH_BODY, {"load.0.scale": FIVE, "body.inertia.0": DRAWN}, "product", 1),
+        (PUSH_BODY + WHEEL, {"load.0.scale": FIVE, "body.inertia.0": DRAWN}, "product", 5),
+        (WHEEL, {"load.0.torque": DRAWN, "body.inertia.0": FIVE}, "product", 20),
+        (WHEEL, {"load.0.torque": FIVE, "load.0.speed": FIVE, "body.inertia.0": DRAWN}, "product", 25),
+        (WHEEL, {"load.0.torque": FIVE, "load.0.speed": FIVE, "body.inertia.0": DRAWN}, "together", 5),
+    ],
+)
+def test_a_sweep_is_forecast_by_the_ensembles_that_it_runs(loads, over, combine, count, write, monkeypatch):
+    """Each takes some ms beside its members; one with wheels, which is by itself, what a run takes."""
+    rows = ", ".join(f'{{ key = "{key}", {how} }}' for key, how in over.items())
+    file = read_run_file(write(f'{BODY}{loads}[sweep]\nsamples = 4\ncombine = "{combine}"\nover = [{rows}]\n'))
+    members, groups = Members(file), []
+    monkeypatch.setattr(Members, "_run", lambda self, file, places, *_: groups.append(len(places)))
+    members.run(values(file.sweep, 0, len(members)))
+    assert (len(groups), file.sweep.ensembles(file.load)) == (count, count)
+    least = count * notices.ENSEMBLE_NS * 1e-9
+    if loads != PUSH_BODY:
+        least += len(members) * file.prepared.scheme.cost(file.prepared.whole, 2).seconds
+    assert forecast(file).sweep_seconds > least
+
+
 def test_compiled_schemes_differ_little_in_the_cost_of_a_substep():
     """Those with more to solve take longer."""
     free, held = (problem(body, nt.space_moment([0, 1], np.eye(3)[:2])) for body in (STANDARD, FREE))
@@ -197,7 +228,7 @@ def test_what_takes_long_warns_where_it_was_called(slow, here, write):
     result = ended(0, "check", "run.toml")
     assert "run.toml: warning: the run will take about" in result.stderr
     assert "without start-up" in result.stdout
-    assert "3 members over body.inertia.0, about 12 µs on one core" in result.stdout
+    assert "3 members over body.inertia.0, about 4 ms on one core" in result.stdout
 
 
 def test_pieces_that_do_not_fit_into_memory_are_refused_with_the_number_that_does(write, monkeypatch):

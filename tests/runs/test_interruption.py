@@ -14,7 +14,7 @@ from nontwist import heavy_top, integrate, moment, pulse, simulate, sine
 from nontwist.driver import single_run
 from nontwist.driver.notices import sigterm_interrupts
 from nontwist.errors import SimulationInterrupt, Status
-from nontwist.integrators import Continuous, marching, split, stack_march
+from nontwist.integrators import Continuous, marched_stacks, split, stack_march
 from nontwist.validation.compiled_steps import ReferenceEnergyMomentum
 
 STEP = 2.0**-7
@@ -31,7 +31,7 @@ def interrupted_in(monkeypatch):
     def prepare(order):
         stages = len(split.nodes(order))
         monkeypatch.setattr(stack_march, "NODES", 20 * stages)
-        monkeypatch.setattr(marching, "KEPT_NODES", 0)  # marches so short are laid out once, and not interrupted
+        monkeypatch.setattr(marched_stacks, "KEPT_NODES", 0)  # marches so short are laid out once, and not interrupted
         sound, calls = stack_march.StackMarch._run, []
 
         def struck(*arguments):
@@ -175,7 +175,7 @@ def test_the_first_signal_interrupts_and_later_ones_are_ignored(number, handlers
 def test_the_message_names_the_signal(name, number, handlers, monkeypatch):
     """The signal comes when progress is reported, after a block or step, or when the load is asked for."""
     monkeypatch.setattr(stack_march, "NODES", 20)
-    monkeypatch.setattr(marching, "KEPT_NODES", 0)
+    monkeypatch.setattr(marched_stacks, "KEPT_NODES", 0)
 
     @contextlib.contextmanager
     def signalling(steps):
@@ -205,7 +205,7 @@ def test_an_interrupt_of_a_run_that_chooses_its_steps(monkeypatch, strikes):
         return result
 
     monkeypatch.setattr(stack_march, "NODES", 20 if strikes == 1 else 2**17)
-    monkeypatch.setattr(marching, "KEPT_NODES", 0)
+    monkeypatch.setattr(marched_stacks, "KEPT_NODES", 0)
     monkeypatch.setattr(stack_march.StackMarch, "_run", struck)
     with pytest.raises(SimulationInterrupt) as info:
         simulate(body, **how)

@@ -10,7 +10,7 @@ from conftest import BODIES
 from nontwist import integrate, moment, nontwisting, simulate, simulate_ensemble, sine
 from nontwist.errors import SimulationError, Status
 from nontwist.integrators import INTEGRATORS, LieMidpoint
-from nontwist.integrators.problem import IVP
+from nontwist.integrators.ivp import IVP
 from nontwist.models.stack import stacked
 from refusals import says
 

@@ -14,7 +14,7 @@ from nontwist.driver.single_run import integrated
 from nontwist.driver.starts import starts
 from nontwist.errors import SimulationInterrupt
 from nontwist.integrators import INTEGRATORS, stack_march
-from nontwist.integrators.problem import stretched
+from nontwist.integrators.ivp import stretched
 from refusals import says
 
 BODY = nt.standard([[3.1, 0.2, -0.3], [0.2, 4.2, 0.1], [-0.3, 0.1, 5.5]])
@@ -130,7 +130,7 @@ def test_an_interrupted_run_takes_up_its_grid(name, after, monkeypatch, tmp_path
 
     stop = numbers[after] - (after == 3)
     monkeypatch.setattr(stack_march, "NODES", stop)
-    monkeypatch.setattr("nontwist.integrators.marching.KEPT_NODES", 0)
+    monkeypatch.setattr("nontwist.integrators.marched_stacks.KEPT_NODES", 0)
     monkeypatch.setattr(stack_march.StackMarch, "_run", struck)
     with pytest.raises(SimulationInterrupt) as info:
         nt.integrate(BODY, store=7, **W, **how)

@@ -44,6 +44,24 @@ def ratios(seeds):
     return found
 
 
+@pytest.mark.parametrize("goal", [1e-2, 1e-4])
+def test_an_error_that_no_third_run_confirms_is_told(goal, monkeypatch):
+    """Above a tenth of the tolerance a third run confirms it, unless that would take more steps than any may."""
+    how = {"t_end": 5, "material_angular_velocity": (0.1, 2, 0.3), "store": "end"}
+    truth = nt.integrate(nt.standard([3, 4, 5]), tolerance=1e-11, **how).rotation[-1]
+    how |= {"tolerance": goal, "integrator": "lie-midpoint"}
+    confirmed = nt.integrate(nt.standard([3, 4, 5]), **how)
+    monkeypatch.setattr(tolerance, "ENOUGH", confirmed.stretches.steps // 2)
+    with pytest.warns(UserWarning, match=rf"{goal:g}, would take too many$") as told:
+        run = nt.integrate(nt.standard([3, 4, 5]), **how)
+    assert int(re.search(r"the finer of (\d+) steps", str(told[0].message))[1]) == run.stretches.steps
+    assert len(told) == 1
+    assert run.stretches.steps < confirmed.stretches.steps
+    assert tolerance.TENTH * goal < run.error_estimate <= goal
+    assert confirmed.error_estimate <= tolerance.TENTH * goal
+    assert (run.rotation[-1].inv() * truth).magnitude() <= run.error_estimate
+
+
 def test_a_run_that_fails_at_any_step_says_how(monkeypatch):
     sound = completion.march
 

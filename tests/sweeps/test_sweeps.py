@@ -26,7 +26,7 @@ from nontwist.runfile.body import Body
 from nontwist.runfile.section import problems_of as faults_of
 from nontwist.runfile.sweep_table import KINDS, Sweep
 from nontwist.sweeps.members import InvalidMembersError, Members, stack, values
-from nontwist.sweeps.reading import draw
+from nontwist.sweeps.opening import draw
 from nontwist.sweeps.store import ABSENT, SweepStore, open_store
 from nontwist.sweeps.sweeping import LARGEST, LONGEST, MOST, _block, plan
 from refusals import said, says

@@ -27,9 +27,9 @@ import numpy as np
 
 from ..geometry.arrays import Array, as_number
 from ..geometry.values import among, as_list, nearest, short_repr
-from ..integrators.base import IVP, Integrator, Outcome, Status
-from ..integrators.problem import FIRST, INTEGRAL, LEAST, MOST, OBSERVED
-from ..loads.base import with_torques
+from ..integrators.integrator import IVP, Integrator, Outcome, Status
+from ..integrators.ivp import FIRST, INTEGRAL, LEAST, MOST, OBSERVED
+from ..loads.load import with_torques
 from ..loads.potentials import Potential
 from ..models.stack import SystemStack
 from .datasets import RUN, as_dataset

@@ -17,9 +17,9 @@ from ..errors import SimulationError
 from ..io.whole import require_free
 from ..recordings.options import ReadOptions
 from ..spec import specs
-from .options import Force, Opt, argument, given_again, numbers_of, refuse, require_suffix
 from .outcomes import about, require_readable
 from .printing import say
+from .shared_options import Force, Opt, argument, given_again, numbers_of, refuse, require_suffix
 
 if TYPE_CHECKING:
     import xarray

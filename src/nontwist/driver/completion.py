@@ -25,13 +25,13 @@ from ..analysis.variables import NODES, Acting, observables
 from ..geometry.arrays import Array
 from ..geometry.attitudes import States, attitudes, directors
 from ..geometry.values import number_text, vector_text
-from ..integrators.base import BEYOND_JUMPS, IVP, Failure, Integrator, Outcome, Status
+from ..integrators.integrator import BEYOND_JUMPS, IVP, Failure, Integrator, Outcome, Status
+from ..integrators.ivp import FIRST, OBSERVED, onward
 from ..integrators.load_samples import as_gyrostat, as_marched, of_locked, set_works_between, with_wheels, with_works
-from ..integrators.marching import Marched
-from ..integrators.problem import FIRST, OBSERVED, onward
+from ..integrators.marched_stacks import Marched
 from ..integrators.stepping import one_by_one
-from ..loads.base import state_moment_at
-from ..loads.memory import Memory, Wheel, gain_of_energy
+from ..loads.load import state_moment_at
+from ..loads.memory_terms import Memory, Wheel, gain_of_energy
 from ..loads.terms import Term
 from .grid import require_resolution
 

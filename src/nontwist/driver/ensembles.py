@@ -16,7 +16,7 @@ from ..geometry.arrays import Array, as_number, largest_size, vector
 from ..geometry.values import among, as_list, as_whole, short_repr
 from ..integrators import Status
 from ..integrators.compiled import Compiled
-from ..integrators.problem import stretched
+from ..integrators.ivp import stretched
 from ..models.stack import SystemStack
 from ..models.system import DirectorSystem, as_system
 from . import completion
@@ -144,7 +144,7 @@ def simulate_ensemble(
     if requested:
         require_observed(scheme, load)
     if on_gpu := is_gpu(device):
-        from ..integrators.gpu import require
+        from ..integrators.gpu_stack import require
 
         require(scheme, load)
     grid, first = plan.grid, None

@@ -14,9 +14,9 @@ from ..geometry.arrays import Array
 from ..geometry.attitudes import States
 from ..geometry.values import as_whole
 from ..integrators import IVP, Integrator, SimulationError, Status
-from ..integrators.base import Outcome
-from ..integrators.linearised import Linearised, scheme_of
-from ..integrators.problem import Stretches
+from ..integrators.integrator import Outcome
+from ..integrators.ivp import Stretches
+from ..integrators.linearised_runs import Linearised, scheme_of
 from ..integrators.stepping import in_threads
 from ..integrators.stepping import progress as counted
 from ..integrators.tangents import Growth

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from ..geometry.values import unknown_keyword
 from ..integrators import DEFAULT, Integrator
 from ..loads import Load, Term, as_load
-from ..loads.base import with_torques
+from ..loads.load import with_torques
 from ..models.stack import SystemStack, stacked
 from ..models.system import DirectorSystem, as_system
 from ..spec import with_keywords

@@ -15,10 +15,10 @@ from ..errors import SENTENCES, InputError, InputWarning, warn
 from ..geometry.arrays import LARGEST, Array, as_array, as_floats, as_number, in_order, vector
 from ..geometry.attitudes import attitudes, states_of
 from ..geometry.values import short_repr
-from ..integrators.problem import Stretches
+from ..integrators.ivp import Stretches
 from ..loads import Load
 from ..loads.kinds import load_in_words
-from ..loads.memory import Column, recorded_wheels
+from ..loads.memory_terms import Column, recorded_wheels
 from ..loads.terms import Record
 from ..models.stack import SystemStack, stacked
 from ..models.system import DirectorSystem

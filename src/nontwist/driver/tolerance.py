@@ -36,9 +36,9 @@ from ..errors import warn
 from ..geometry.arrays import EPS, Array, distinct
 from ..geometry.values import number_text
 from ..integrators import IVP, Integrator, Status
-from ..integrators.base import Outcome
 from ..integrators.costs import gyration_rate
-from ..integrators.problem import Stretches, stretched
+from ..integrators.integrator import Outcome
+from ..integrators.ivp import Stretches, stretched
 from ..loads import Load
 from . import completion
 from .first_steps import MANY, STEADY, TENTH, First, finer, first_run, first_step, grid_of, order_of

@@ -23,13 +23,13 @@ import numpy as np
 from ..geometry.arrays import Array, as_number
 from ..geometry.values import among, short_repr
 from ..loads import Load
-from ..loads.base import forces_at, moment_at
+from ..loads.load import forces_at, moment_at
 from ..loads.potentials import DirectorForces
 from ..loads.terms import Damping
 from ..models.equations import NO_FORCES, director_rates, hat, products, split_momentum, split_rates, split_velocity
 from ..models.system import DirectorSystem
-from .base import BEYOND_JUMPS, IVP, Failure, Integrator, March, Status
 from .costs import Cost, damping_rate, largest_velocity
+from .integrator import BEYOND_JUMPS, IVP, Failure, Integrator, March, Status
 
 MOST = 1e6  # steps of the solver in a run, half an hour
 CHECK_EVERY, PATIENCE = 1000, 1e5  # steps between checks of progress, 4 times as often for Radau; of a fast start

@@ -37,7 +37,7 @@ from ..runfile.document import checked, forecast
 from ..runfile.files import Folder, bounded, parsed, plain
 from ..runfile.writing import file_of
 from .members import REFUSED, Members, spread
-from .reading import dataset
+from .opening import dataset
 from .store import Done, SweepStore, create, open_store
 from .workers import Progress, Workers, bar, open_workers
 

@@ -27,8 +27,8 @@ from ..kernels.memory import Doubles, View, Wholes, doubles, fields, scratch, si
 from ..loads import Load
 from ..loads.friction import DryFriction
 from ..loads.functions import MachineFunction
-from ..loads.memory import Wheel
-from .base import Integrator
+from ..loads.memory_terms import Wheel
+from .integrator import Integrator
 from .stack_march import Listed, StackMarch
 
 SCHEMES = ("gauss", "lie-midpoint", "energy-momentum")

@@ -21,7 +21,7 @@ from ..errors import warn
 from ..geometry.arrays import Array, as_floats
 from ..kernels.dual import Dual, plain, tangent
 from .functions import CFunction, checked, name_of, plainly
-from .memory import Wheel
+from .memory_terms import Wheel
 from .potentials import ForceTable, Potential, PotentialFunction
 from .terms import Damping, Rotor, Tabulated, Term
 

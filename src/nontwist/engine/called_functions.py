@@ -12,9 +12,9 @@ from ..errors import warn
 from ..geometry.arrays import Array
 from ..kernels.machine_code import pointer_address
 from ..loads import Load
-from ..loads.base import state_moment_at
-from ..loads.derivatives import differenced, slopes_of, value_of
 from ..loads.functions import MOMENTS, REMEDY, SMALLER, Moment, c_function
+from ..loads.load import state_moment_at
+from ..loads.load_derivatives import differenced, slopes_of, value_of
 from ..loads.potentials import GravityGradient, Potential, Quadratic, Spring
 from ..loads.terms import ForceTerm, Term
 from ..spec import specs

@@ -272,7 +272,7 @@ class Answer:
 
     def in_words(self, numbers: dict[str, Any]) -> bool:
         """Print what a command has found as one line of JSON where that is asked for; return whether people read it."""
-        from ..io.results import finite
+        from ..io.run_files import finite
 
         if self.json:
             print(json.dumps(finite(numbers), allow_nan=False))

@@ -27,7 +27,7 @@ from ..errors import Status as Status
 from ..geometry.arrays import Array
 from ..geometry.attitudes import States, director_velocities, directors
 from ..loads import Load
-from ..loads.base import with_torques
+from ..loads.load import with_torques
 from ..models.stack import SystemStack, part_of, stacked
 from ..models.system import DirectorSystem
 

@@ -29,12 +29,12 @@ from ..exact.free_bodies import TOO_FAR
 from ..geometry.arrays import Array
 from ..geometry.attitudes import States
 from ..loads import Load
-from ..loads.memory import Wheel
+from ..loads.memory_terms import Wheel
 from ..models.stack import SystemStack, stacked
 from ..models.system import DirectorSystem
 from .compiled import Compiled
+from .ivp import IVP, Failure, Intervals, Outcome, Status
 from .load_samples import COMMANDED, WIDTHS, beside_chord, carrier, commanded, wheel_columns, work_of
-from .problem import IVP, Failure, Intervals, Outcome, Status
 from .stack_march import SAME, StackMarch, listed, march_of
 from .stepping import PerThread
 

@@ -21,7 +21,7 @@ from ..errors import InputError, InputWarning, Option
 from ..geometry.arrays import Array
 from ..geometry.values import counted
 from . import headers
-from .checks import GYROSCOPE, OTHER, Evidence, Reading, evidence_of, settled, time_unit
+from .conventions import GYROSCOPE, OTHER, Evidence, Reading, evidence_of, settled, time_unit
 from .headers import Found, plain
 from .options import ReadOptions
 from .table import Content, Lines, Table, listed, named_columns, of_one_sensor, own_rows, place

@@ -31,7 +31,7 @@ from ..geometry.values import among, short_repr
 from ..kernels.vectors import Matrix, first_moment
 from .friction import DryFriction, Sliding, require_distinct_axes
 from .kinds import LOADS, load_in_words
-from .memory import Driven, Memory, OnBodyAtRest, Wheel
+from .memory_terms import Driven, Memory, OnBodyAtRest, Wheel
 from .potentials import SPACE_AND_BODY, ForceTable, GravityGradient, Potential
 from .terms import Damping, ForceTerm, Momentum, Table, Term
 

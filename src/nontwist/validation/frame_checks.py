@@ -33,7 +33,7 @@ from .. import exact
 from ..driver.runs import simulate
 from ..geometry import rotations, sphere
 from ..geometry.arrays import Array
-from ..geometry.curves import frame_along, frame_of_curve
+from ..geometry.curve_frames import frame_along, frame_of_curve
 from ..geometry.frames import closed_frame, holonomy, nontwisting_frame, solid_angle
 from ..loads import sine
 from ..recordings.twisting import twist

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..engine.functions import DifferentiableFunctions
+from ..engine.called_functions import DifferentiableFunctions
 from ..engine.generalised import OF_TABLE, OF_TERMS, STATE, TERM, sloped
 from ..engine.known_steps import INPUTS, LANES, STEPS, KnownStep, column_offsets, offsets_of_directions
 from ..engine.linearised import forward_run, linearised, tangent_size
@@ -24,14 +24,14 @@ from ..kernels import machine_code
 from ..kernels.kernel import Kernel, address_of
 from ..kernels.memory import size_of
 from ..loads import Load
-from ..loads.base import is_called
+from ..loads.load import is_called
 from ..loads.potentials import ForceTable, Potential
 from ..loads.terms import Term
-from .base import Integrator, SimulationError, Status
 from .compiled import Compiled
 from .gauss_derivatives import scratch_size
+from .integrator import Integrator, SimulationError, Status
+from .ivp import IVP
 from .load_samples import WIDTHS, as_gyrostat, as_marched, march_parts, orbit_of, sampled
-from .problem import IVP
 
 
 class Entries(NamedTuple):

@@ -15,10 +15,10 @@ from ..errors import SimulationError, SimulationInterrupt, Status
 from ..geometry.attitudes import States
 from ..geometry.values import among, short_repr
 from ..loads import Load
-from ..loads.memory import Wheel
+from ..loads.memory_terms import Wheel
 from ..models.stack import SystemStack
 from .costs import Cost, steps_cost, undersampled, unresolved
-from .problem import IVP, Failure, March, Outcome
+from .ivp import IVP, Failure, March, Outcome
 from .stepping import one_by_one, outcome_of
 
 SPIN = "{} does not accept a prescribed spin; use the integrator gauss"  # where a scheme has none

@@ -15,7 +15,7 @@ from ..driver.named_events import NamedEvent, axis_crosses, spin_below
 from ..geometry.arrays import AXES
 from ..integrators import DEFAULT, INTEGRATORS
 from ..integrators import Integrator as Scheme
-from ..integrators.problem import FIT
+from ..integrators.ivp import FIT
 from ..recordings.motions import rotation
 from ..units import RATE
 from .files import Folder, Table

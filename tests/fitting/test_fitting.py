@@ -13,7 +13,7 @@ import nontwist as nt
 from conftest import ended
 from fit_errors import FREE, apart, assert_as_wide, csv, farthest, off, off_by, recorded, share_covered, whole
 from nontwist.fitting.intervals import falls
-from nontwist.fitting.predictions import Motion, RunawayError, response
+from nontwist.fitting.predictions import Motion, RunawayError, Track, responses
 from nontwist.fitting.reports import _number as number_in_words
 from nontwist.fitting.shooting import correlation, noise_of, require_turning, stacked
 from nontwist.fitting.telling import beyond_the_wall, quantile, to_the_wall
@@ -66,7 +66,7 @@ def in_degrees(path, time, rates, header=HEADER, *more):
 
 def test_a_motion_that_runs_away_is_given_up():
     with pytest.raises(RunawayError, match="not finite, or needs too many steps"):
-        response(Motion(Model(damping=1), FREE, np.array([-30.0])), W, np.linspace(0, 2, 300))
+        responses(Motion(Model(damping=1), FREE, np.array([-30.0])), [Track(W, np.linspace(0, 2, 300))])
 
 
 # Estimates
@@ -388,6 +388,7 @@ def test_the_noise_has_the_density_of_a_data_sheet():
     found = sensed((0, 0, 0), 100, 0.01, noise=2e-3, seed=5).gyroscope.values
     assert np.std(found) == pytest.approx(2e-3 * np.sqrt(100 / 2), rel=0.02)
     assert noise_of(found) == pytest.approx(np.std(found), rel=0.05)
+    assert noise_of(found[:13]) == 0 < noise_of(found[:14])
     assert abs(correlation(found)) < 4 / np.sqrt(found.size)  # so that it is the same at all frequencies
     again = [sensed((0, 0, 0), 100, 0.01, noise=2e-3, seed=seed).gyroscope.values for seed in (5, 6)]
     assert [np.array_equal(found, one) for one in again] == [True, False]

@@ -17,8 +17,9 @@ from fit_errors import CENTRE, FREE, HEADER, MASS, apart, csv, differences, fart
 from fit_errors import PIVOTED as J
 from nontwist.fitting.estimating import pencil, short, with_moments
 from nontwist.fitting.measuring import IDEAL, Gyroscope, as_speed
-from nontwist.fitting.predictions import Motion, response
+from nontwist.fitting.predictions import Line, Motion, Track, responses
 from nontwist.fitting.shooting import Shooting, Stretch, Unknowns
+from nontwist.fitting.solving import solve
 from nontwist.fitting.telling import covariance, quantile
 from nontwist.fitting.unknowns import Model, Pivot, Wheel, entries, symmetric
 from nontwist.geometry.attitudes import ENTRIES
@@ -115,7 +116,7 @@ def test_motions_are_those_of_scipy(acts):
     more = {"pivot": Pivot(MASS, FAR, None, 9.81), "damping": 3} if acts else {}
     taken, arm = slice(None) if acts else [0, 1, 2, 6, 7, 8, 9], acts * MASS * 9.81 * FAR / unit
     motion = Motion(Model(**more, oriented=True, unit=unit), J / unit, np.concatenate([n, drag])[: 6 * acts])
-    found, D = response(motion, BEGUN[taken], TIMES)
+    ((found, D),) = responses(motion, [Track(BEGUN[taken], TIMES)])
     assert abs(found - by_scipy(J / unit, arm * n, acts * drag, BEGUN, TIMES)[:, taken]).max() < 1e-9 * 7
     columns = [*np.arange(10)[taken], *range(10, 22 if acts else 16)]
     way = np.zeros(22)  # in which all of them change, each as much
@@ -127,9 +128,36 @@ def test_motions_are_those_of_scipy(acts):
 
 
 def test_the_motion_of_a_free_body_keeps_energy_and_momentum_over_many_turns():
-    found, _ = response(Motion(Model(), FREE, np.zeros(0)), np.array([8.0, 9, -7]), np.linspace(0, 60, 50))
+    track = Track(np.array([8.0, 9, -7]), np.linspace(0, 60, 50))
+    ((found, _),) = responses(Motion(Model(), FREE, np.zeros(0)), [track])
     for value in (np.einsum("ni,ij,nj->n", found, FREE, found), np.linalg.norm(found @ FREE, axis=1)):
         assert abs(value / value[0] - 1).max() < 1e-9
+
+
+def test_tracks_together_are_those_of_each_and_a_straight_speed_needs_no_knots():
+    motion = Motion(Model(wheel=Wheel(None, WHEEL, 0.0), unit=7e-4), SAT / 7e-4, np.array([0.1, 0.6, 0.8]))
+    bent = Line(np.array([0.3, 0.6]), np.full(3, 50.0), np.eye(3), 100.0, np.zeros(3))
+    straight = Line(np.zeros(0), np.full(1, 50.0), np.ones((1, 3)), 100.0, np.zeros(3))
+    tracks = [Track(BEGUN[:3], TIMES, line) for line in (bent, straight)]
+    (x, D), (y, E) = both = responses(motion, tracks)
+    for one, found in zip(tracks, both, strict=True):
+        ((values, by),) = responses(motion, [one])
+        assert (values == found[0]).all()
+        assert (by == found[1]).all()
+    assert abs(x - y).max() < 1e-9 * 7  # as to SciPy, as steps are others
+    assert abs(D[:, :, :12] - E[:, :, :12]).max() < 1e-8 * abs(E).max()
+    assert abs(D[:, :, 12:].sum(axis=2) - E[:, :, 12]).max() < 1e-8 * abs(E).max()
+    assert (D[TIMES < 0.3, :, 13:] == 0).all()
+    assert (D[-1, :3, 12:] != 0).all()
+
+
+def test_a_cost_that_is_enough_ends_a_fit():
+    solution = fitted("centre").solution
+    start, enough = replace(solution.unknowns, starts=solution.unknowns.starts + 0.05), solution.cost + 1
+    found = solve(solution.problem, start, enough=enough)
+    assert solution.cost < found.cost < enough
+    assert not found.is_settled
+    assert solve(solution.problem, start).is_settled
 
 
 TILT = 0.01

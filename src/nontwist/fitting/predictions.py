@@ -18,7 +18,8 @@ step is as long as the series of order `ORDER` allows at the tolerance `EXACT`: 
 same series is the motion at every sample, so samples cost no steps.
 
 Derivatives by the speed at knots are put together from those over the pieces between knots: over a piece the state
-depends on that at its beginning, x_k, with the rate of the speed in it, and on p, and ``dx = Φ dx_k + Ψ dp``.
+depends on that at its beginning, x_k, with the rate of the speed in it, and on p, and ``dx = Φ dx_k + Ψ dp``. One
+call of the kernel follows all pieces of all tracks: derivatives begin anew with each, states with each track.
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache, reduce
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -36,7 +38,7 @@ from ..kernels.dual import Dual
 from ..kernels.elements import larger, logical_not, power, smaller
 from ..kernels.kernel import Kernel
 from ..kernels.machine_code import tracer
-from ..kernels.memory import Doubles, View, doubles, view_of
+from ..kernels.memory import Doubles, View, Wholes, doubles, view_of
 from ..kernels.series import Recurrence, Stored
 from ..kernels.vectors import Matrix, Symmetric, Vector, cross, inverse_of
 from .unknowns import Model, entries
@@ -189,16 +191,36 @@ class Line(NamedTuple):
     start_by: Array
 
 
+class Track(NamedTuple):
+    """Where and when a motion is followed.
+
+    Attributes
+    ----------
+    start : (m,) array
+        The state at the time 0, without the speed of a rotor.
+    times : (n,) array, s
+        Before 0 as far as the series of the start reaches.
+    speed : Line, optional
+        That of a rotor.
+    """
+
+    start: Array
+    times: Array
+    speed: Line | None = None
+
+
 class Run(NamedTuple):
     """What the kernel is called with."""
 
     J: Symmetric
     vectors: Matrix  # m g c, C and h a in rows
     axis: Vector
-    start: Doubles  # (d,)
     by: Doubles  # (d + 15, directions) derivatives of the state, of J and of the vectors, by all that varies
-    times: Doubles  # (n,) ascending
-    samples: int
+    pieces: int
+    starts: Doubles  # (pieces, d)
+    goes_on: Wholes  # (pieces,) 1: from where the piece before has ended, with another rate of the speed
+    ends: Wholes  # (pieces,) where the times of each end
+    times: Doubles  # (n,) ascending in a track
     most_steps: int
     out: Doubles  # (n, d, 1 + directions) at samples
     failed: int
@@ -237,29 +259,35 @@ def follow(kind: Kind, run: View) -> None:
         for n in loop(1, ORDER + 1):
             unknowns[-1].set_coefficient(n, plain(0.0))
 
-    for k, one in enumerate(unknowns):
-        one.set_coefficient(0, seeded(run.start[k], k))
-    v = Variables(now=0.0, sample=0, steps=0, goes=True)
-    for _ in whilst(lambda: v.goes):
-        recurrence.solve(changing, changes)
-        reach = reach_of(unknowns)
-        v.steps = v.steps + 1
-        v.goes = (reach == reach) & (v.steps < run.most_steps)
-        for _ in when(logical_not(v.goes)):
-            run.failed = 1
-        for _ in whilst(lambda: v.goes & (v.sample < run.samples)):
-            t = run.times[v.sample]
-            v.goes = t < v.now + reach
+    v = Variables(now=0.0, sample=0, last=0, steps=0, goes=True)
+    for piece in loop(run.pieces, whilst=lambda: run.failed == 0):
+        start, v.last, v.now, v.goes = run.starts.shifted(piece * d), run.ends[piece], 0.0, True
+        for _ in when(run.goes_on[piece] == 1):
+            v.now = run.times[v.sample - 1]
+            for k in range(d - 1):
+                start[k] = run.out[(v.sample - 1) * size + k * recurrence.size]
+        for k, one in enumerate(unknowns):
+            one.set_coefficient(0, seeded(start[k], k))
+        for _ in whilst(lambda: v.goes):
+            recurrence.solve(changing, changes)
+            reach = reach_of(unknowns)
+            v.steps = v.steps + 1
+            v.goes = (reach == reach) & (v.steps < run.most_steps)
+            for _ in when(logical_not(v.goes)):
+                run.failed = 1
+            for _ in whilst(lambda: v.goes & (v.sample < v.last)):
+                t = run.times[v.sample]
+                v.goes = t < v.now + reach
+                for _ in when(v.goes):
+                    for k, one in enumerate(unknowns):
+                        recurrence.write(run.out.shifted(v.sample * size), k, one.at(t - v.now))
+                    v.sample = v.sample + 1
+            v.goes = (run.failed == 0) & (v.sample < v.last)
             for _ in when(v.goes):
-                for k, one in enumerate(unknowns):
-                    Stored(recurrence, run.out.shifted(v.sample * size)).set_coefficient(k, one.at(t - v.now))
-                v.sample = v.sample + 1
-        v.goes = (run.failed == 0) & (v.sample < run.samples)
-        for _ in when(v.goes):
-            x = [one.at(reach) for one in unknowns]
-            v.now = v.now + reach
-            for one, y in zip(unknowns, x, strict=True):
-                one.set_coefficient(0, y)
+                x = [one.at(reach) for one in unknowns]
+                v.now = v.now + reach
+                for one, y in zip(unknowns, x, strict=True):
+                    one.set_coefficient(0, y)
 
 
 def reach_of(series: Sequence[Stored]) -> Any:
@@ -271,70 +299,60 @@ def reach_of(series: Sequence[Stored]) -> Any:
     return smaller(*(power(EXACT * size(0) / larger(size(n), TINY), 1.0 / n) for n in (ORDER - 1, ORDER)))
 
 
-def response(motion: Motion, start: Array, times: Array, speed: Line | None = None) -> tuple[Array, Array]:
-    """Return the states of a motion at times, and the derivatives by its start and its parameters.
-
-    Parameters
-    ----------
-    motion : Motion
-    start : (m,) array
-        At the time 0, without the speed of a rotor.
-    times : (n,) array, s
-        Before 0 as far as the series of the start reaches.
-    speed : Line, optional
-        That of a rotor.
+def responses(motion: Motion, tracks: Sequence[Track]) -> list[tuple[Array, Array]]:
+    """Return the states of a motion along tracks, and the derivatives by their starts and by parameters.
 
     Returns
     -------
-    values : (n, d) array
-        With the speed of a rotor and its rate last.
-    derivatives : (n, d, m + p + q) array
-        By the start first, then by J and `more`, then by what the speed depends on.
+    list of pairs
+        Of each track values, (n, d), with the speed of a rotor and its rate last, and derivatives, (n, d, m + p + q),
+        by the start first, then by J and `more`, then by what the speed depends on.
 
     Raises
     ------
     RunawayError
         Numbers are not finite any more, or steps become too short.
     """
-    order = np.argsort(times, kind="stable")
-    sorted_values, sorted_slopes = _sorted_response(motion, start, times[order], speed)
-    values, slopes = np.empty_like(sorted_values), np.empty(sorted_slopes.shape)
-    values[order], slopes[order] = sorted_values, sorted_slopes
-    return values, slopes
-
-
-def _sorted_response(motion: Motion, start: Array, times: Array, speed: Line | None) -> tuple[Array, Array]:
-    """Return the same for ascending times."""
-    if speed is None:
-        return _piece(motion, start, times)
-    knots, d, m, p = speed.times, motion.kind.size, len(start), 6 + len(motion.more)
-    values, found = np.empty((len(times), d)), np.empty((len(times), d, m + p + len(speed.start_by)))
-    state, by = np.array([*start, speed.start, 0.0]), np.eye(d, found.shape[2])
-    by[m:, m:], by[m, m + p :] = 0.0, speed.start_by
-    ends = [0, *np.searchsorted(times, knots), len(times)]
-    for k, (rate, rate_by) in enumerate(zip(speed.rates, speed.rates_by, strict=True)):
-        state[-1], by[-1], by[-1, m + p :] = rate, 0.0, rate_by
-        there, begin = slice(ends[k], ends[k + 1]), knots[k - 1] if k else 0.0
-        x, D = _piece(motion, state, np.concatenate([times[there], knots[k : k + 1]]) - begin)
-        whole = D[:, :, :d] @ by
-        whole[:, :, m : m + p] += D[:, :, d:]
-        count = there.stop - there.start
-        values[there], found[there] = x[:count], whole[:count]
-        if k < len(knots):
-            state, by = x[-1].copy(), whole[-1]
-    return values, found
-
-
-def _piece(motion: Motion, start: Array, times: Array) -> tuple[Array, Array]:
-    """Return states while a rate of the speed lasts, and derivatives by the whole state at its start, J and `more`.
-
-    Times ascend.
-    """
-    kind, run = motion.kind, motion.run
-    out = np.empty((len(times), kind.size, 1 + kind.directions))
-    run.start, run.times, run.out = start, times, out
-    run.samples, run.most_steps = len(times), MOST_STEPS[0] + MOST_STEPS[1] * len(times)
+    kind, run, times, starts, places, ends = motion.kind, motion.run, [], [], [], []
+    d, first = kind.size, 0
+    for one in tracks:
+        knots = np.zeros(0) if one.speed is None else one.speed.times
+        every, start = np.concatenate([knots, one.times]), np.zeros((1 + len(knots), d))
+        order, place = np.argsort(every, kind="stable"), np.empty(len(every), int)
+        place[order] = np.arange(first, first + len(every))
+        start[0, : len(one.start)] = one.start
+        if one.speed is not None:
+            start[0, -2], start[:, -1] = one.speed.start, one.speed.rates
+        times.append(every[order])
+        starts.append(start)
+        places.append(place[len(knots) :])
+        ends.append(np.concatenate([[first], place[: len(knots)] + 1, [first + len(every)]]))
+        first += len(every)
+    out = np.empty((first, d, 1 + kind.directions))
+    run.starts, run.times, run.out = np.concatenate(starts), np.concatenate(times), out
+    run.ends = np.concatenate([end[1:] for end in ends])
+    run.goes_on = np.concatenate([np.arange(len(start)) > 0 for start in starts]).astype(int)
+    run.pieces, run.most_steps = sum(map(len, starts)), MOST_STEPS[0] * len(tracks) + MOST_STEPS[1] * first
     motion_kernel(kind)(run.address)
     if run.failed or not np.isfinite(out).all():
         raise RunawayError("the motion is not finite, or needs too many steps")
-    return out[:, :, 0], out[:, :, 1 : 1 + kind.size + 6 + len(motion.more)]
+    values, by = out[:, :, 0], out[:, :, 1 : 7 + d + len(motion.more)]
+    return [
+        (values[place], by[place] if one.speed is None else through(by, end, one.speed, len(one.start))[place - end[0]])
+        for one, place, end in zip(tracks, places, ends, strict=True)
+    ]
+
+
+def through(by: Array, ends: Array, line: Line, m: int) -> Array:
+    """Return derivatives along a track, m by its start, by those over its pieces, which end at these of all times."""
+    d, p = by.shape[1], by.shape[2] - by.shape[1]
+    found = np.empty((ends[-1] - ends[0], d, m + p + len(line.start_by)))
+    begin = np.eye(d + p, found.shape[2])  # derivatives of the state where a piece begins, of J and `more`
+    begin[m:], begin[m, m + p :], begin[d:, m : m + p] = 0.0, line.start_by, np.eye(p)
+    for (first, last), rate_by in zip(pairwise(ends), line.rates_by, strict=True):
+        begin[d - 1] = 0.0
+        begin[d - 1, m + p :] = rate_by
+        piece = found[first - ends[0] : last - ends[0]]
+        np.matmul(by[first:last], begin, out=piece)
+        begin[:d] = piece[-1]
+    return found

@@ -28,9 +28,10 @@ test-settings: .venv/all
 
 # Which lines of the heart the tests run: texts of kernels as they are traced, and on floats.
 coverage: .venv/all
-	$(BIN)/python -m coverage run --source=src/nontwist -m pytest -q -n 0 tests/test_kernel_texts.py \
-		tests/test_lie_midpoint.py tests/test_energy_momentum.py tests/test_gauss.py tests/test_split.py \
-		tests/test_exact.py tests/test_frames.py tests/test_derivatives.py -m "not long"
+	cd tests && ../$(BIN)/python -m coverage run --source=../src/nontwist --data-file=../.coverage -m pytest -q -n 0 \
+		kernels/test_kernel_texts.py exact/test_exact.py geometry/test_frames.py integrators/test_lie_midpoint.py \
+		integrators/test_energy_momentum.py integrators/test_gauss.py integrators/test_split.py \
+		integrators/test_derivatives.py -m "not long"
 	$(BIN)/python -m coverage report --include="*/kernels/*,*/engine/*,*/integrators/*,*/geometry/*,*/exact/*"
 
 # All goals, measured beside other tools; writes docs/performance.md and docs/performance/.

@@ -42,11 +42,11 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from nontwist import fit_inertia, heavy_top, inertia, rotation, rotor, sensors, simulate, standard
-from nontwist.fitting.bodies import Model, Pivot, Wheel, symmetric
 from nontwist.fitting.estimating import whole, with_moments
 from nontwist.fitting.measuring import as_speed, continuous, plain_gyroscope
 from nontwist.fitting.shooting import Shooting, Stretch, Unknowns, residuals
 from nontwist.fitting.solving import Solution
+from nontwist.fitting.unknowns import Model, Pivot, Wheel, symmetric
 
 SECONDS, DENSITY, BIAS, SCALE, BOUND, TILT = 0.6, 1.2e-4, 0.02, 0.01, 0.03, np.radians(0.3)
 

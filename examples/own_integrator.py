@@ -19,7 +19,7 @@ import numpy as np
 from nontwist import Load, body_moment, heavy_top, integrate, nontwisting, rotations, space_moment, suslov
 from nontwist.geometry.arrays import Array
 from nontwist.integrators import INTEGRATORS, Continuous
-from nontwist.integrators.base import IVP, SPIN, Failure, Integrator, March, Status
+from nontwist.integrators.integrator import IVP, SPIN, Failure, Integrator, March, Status
 from nontwist.integrators.stepping import Step, march
 
 TABLEAUX = {1: ((0,), (1,)), 4: ((0, 1 / 2, 1 / 2, 1), (1 / 6, 1 / 3, 1 / 3, 1 / 6))}  # nodes and weights

@@ -18,8 +18,8 @@ from nontwist.engine.marching import Step, Text, turned_by_half
 from nontwist.engine.records import State
 from nontwist.engine.sampling import Nodes
 from nontwist.integrators import INTEGRATORS
-from nontwist.integrators.base import IVP
 from nontwist.integrators.compiled import Compiled
+from nontwist.integrators.integrator import IVP
 from nontwist.kernels.elements import sqrt
 from nontwist.kernels.vectors import compensated, cross
 from nontwist.loads.terms import Damping

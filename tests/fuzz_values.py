@@ -401,6 +401,7 @@ VALUES = {
     "wheel.coulomb": one_of(0.0, 0.0, 0.05),
     "wheel.friction": one_of(None, np.arctan),
     "wheel_torque": one_of((), []),
+    **of("simulate_ensemble lyapunov_ensemble Problem Problem.replace", wheel_torque=NONE),
     "memory_load.derivative": one_of(lambda t, z, directors, angular_velocity: -z),
     "memory_load.moment": one_of(lambda t, z, directors, angular_velocity: (z[0], -z[1], 0.0)),
     "memory_load.state0": lambda r: r.normal(size=2),

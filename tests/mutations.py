@@ -4,7 +4,9 @@ A statement is drawn uniformly from each module of more than 100 lines and from 
 its share; then a kind of fault that it can have (a sign, a factor, a bound, a condition, off by one, a dropped term),
 then a place in it. Which tests run which lines is measured first, in a process for each file, since a kernel is traced
 once a process. Tests that run the statement, or that use the constant, are run until one fails: the quickest and those
-most about the module first; then whole files with such a test. Tests that fail without a fault are left out.
+most about the module first; then others of their files, as a kernel or a cache is made in the first of them alone. Of a
+statement that no test runs in its own process, they are those that run the module. Tests that fail without a fault are
+left out.
 Files that compare with stored output (STORED) are left out: a fault that they alone would find counts as not found.
 Reasons for those that are not found are in tests/data/survivors.json, by module and faulty line.
 """
@@ -22,7 +24,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections import Counter, defaultdict
+from collections import defaultdict
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -34,9 +36,10 @@ from coverage import Coverage, CoverageData
 ROOT = Path(__file__).parent.parent
 REASONS = ROOT / "tests" / "data" / "survivors.json"
 STORED = {"tests/covering/test_same_numbers.py", "tests/powers/test_powers.py", "tests/recordings/test_same.py"}
-STORED |= {"tests/test_language.py", "tests/test_docs_site.py", "tests/test_pages.py"}
-SHARES = (0.006, 0.05, 0.075)  # of the time of all tests: the first ones, the others, whole files
+STORED |= {"tests/pages/test_language.py", "tests/pages/test_docs_site.py", "tests/pages/test_pages.py"}
+SHARES = (0.006, 0.05, 0.075)  # of the time of all tests: the first ones, the others, more of their files
 ENDLESS, AT_LEAST = 20, 120  # a run that takes so many times as long as without a fault, and these seconds, has no end
+TINIEST = 1e-290  # smaller numbers guard against a division by 0, which any other does
 PASSED = (0, 5)  # exit statuses of pytest: all passed, none was left to run
 SWAPPED = {ast.Add: "-", ast.Sub: "+", ast.Mult: "/", ast.Div: "*"}
 REVERSED = {ast.Lt: ">", ast.LtE: ">", ast.Gt: "<", ast.GtE: "<", ast.Eq: "!=", ast.NotEq: "=="}
@@ -76,27 +79,30 @@ class Places(ast.NodeVisitor):
     """The faults that a statement can have: what belongs to statements inside it is theirs."""
 
     def __init__(self, module, text):
-        self.module, self.text, self.found = module, text, []
+        self.module, self.text, self.found, self.any = module, text.encode(), [], set()
         self.starts = [0]
-        for line in text.encode().splitlines(keepends=True):
+        for line in self.text.splitlines(keepends=True):
             self.starts.append(self.starts[-1] + len(line))
 
     def add(self, kind, node, new):
         """Note that `node` can become the text `new`."""
-        start = self.starts[node.lineno - 1] + node.col_offset
-        end = self.starts[node.end_lineno - 1] + node.end_col_offset
-        old = self.text.encode()[start:end].decode()
-        self.found.append(Fault(self.module, node.lineno, kind, start, end, old, new))
+        self.found.append(Fault(self.module, node.lineno, kind, *self.span(node), self.of(node), new))
+
+    def span(self, node):
+        """The first byte of a node, and the first behind it."""
+        ends = (node.lineno, node.col_offset), (node.end_lineno, node.end_col_offset)
+        return [self.starts[line - 1] + column for line, column in ends]
 
     def of(self, node):
-        return ast.get_source_segment(self.text, node)
+        return self.text[slice(*self.span(node))].decode()
 
     def visit_BinOp(self, node):
         left, right = self.of(node.left), self.of(node.right)
         if type(node.op) in SWAPPED and not any(map(is_text, (node.left, node.right))):
             kind = "sign" if isinstance(node.op, (ast.Add, ast.Sub)) else "factor"
             self.add(kind, node, f"(({left}) {SWAPPED[type(node.op)]} ({right}))")
-            self.add("dropped term", node, f"({left})")
+            if (left, kind) != ("0.0", "factor"):  # 0 times a number is 0 as well
+                self.add("dropped term", node, f"({left})")
         self.generic_visit(node)
 
     def visit_UnaryOp(self, node):
@@ -127,10 +133,21 @@ class Places(ast.NodeVisitor):
         self.add("condition", node.test, f"(not ({self.of(node.test)}))")
         self.generic_visit(node)
 
+    def visit_Call(self, node):
+        """Note which numbers may be any others: a seed, and the length that reshape finds, which is any below 0."""
+        name = getattr(node.func, "attr", "")
+        if name == "default_rng":
+            self.any.update(node.args)
+        elif name == "reshape":
+            self.any.update(one.operand for one in node.args if isinstance(one, ast.UnaryOp))
+        self.generic_visit(node)
+
     def visit_Constant(self, node):
+        if node in self.any:
+            return
         if type(node.value) is int:
             self.add("off by one", node, repr(node.value + 1))
-        elif type(node.value) is float and node.value:
+        elif type(node.value) is float and node.value > TINIEST:
             self.add("factor", node, repr(2 * node.value))
 
     def statement(self, node):
@@ -321,27 +338,26 @@ class Map:
         return found if any(found.values()) else {fault.module: self.in_functions[fault.module]}
 
     def chosen(self, fault):
-        """Tests that run a fault, with their seconds: the first ones, the others, whole files."""
-        places, inside, scores = self.places(fault), self.in_functions[fault.module], {}
-        mean = self.all_seconds / len(self.tests)
+        """Tests that run a fault, with their seconds: the first ones, the others, more tests of their files."""
+        inside, mean, scores = self.in_functions[fault.module], self.all_seconds / len(self.tests), {}
         for test in self.tests:
-            if any(test.lines.get(module, 0) & lines for module, lines in places.items()):
-                share = (test.lines.get(fault.module, 0) & inside).bit_count() + 1
-                scores[test] = share / sum(map(int.bit_count, test.lines.values())) / (test.seconds + mean)
-        whole = Counter()
-        for test in self.tests:
-            whole[test.file] += test.seconds
-        tests = sorted(scores, key=scores.get, reverse=True)
-        parts, left = [[], [], []], [share * self.all_seconds for share in SHARES]
-        for test in tests:
-            k = next((k for k in (0, 1) if left[k] > test.seconds or not parts[0]), 3)
-            if k < 3:
-                parts[k].append(test.name)
-                left[k] -= test.seconds
-        for file in dict.fromkeys(test.file for test in tests):
-            if left[2] > whole[file]:
-                parts[2].append(file)
-                left[2] -= whole[file]
+            share = (test.lines.get(fault.module, 0) & inside).bit_count() + 1
+            scores[test] = share / (sum(map(int.bit_count, test.lines.values())) + 1) / (test.seconds + mean)
+        for places in (self.places(fault), {fault.module: inside}):  # a statement that other processes run has no tests
+            run = [t for t in self.tests if any(t.lines.get(module, 0) & lines for module, lines in places.items())]
+            if run:
+                break
+        run.sort(key=scores.get, reverse=True)
+        files = list(dict.fromkeys(test.file for test in run))
+        beside = sorted((t for t in self.tests if t.file in files), key=lambda t: (files.index(t.file), t.seconds))
+        parts, left, seen = [[], [], []], [share * self.all_seconds for share in SHARES], set()
+        for tests, places in ((run, (0, 1)), (beside, (2,))):
+            for test in tests:
+                k = next((k for k in places if left[k] > test.seconds or not parts[0]), 3)
+                if k < 3 and test not in seen:
+                    parts[k].append(test.name)
+                    left[k] -= test.seconds
+                    seen.add(test)
         return [(part, share * self.all_seconds - rest) for part, share, rest in zip(parts, SHARES, left, strict=True)]
 
     def found_by(self, copy, fault):

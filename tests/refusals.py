@@ -115,7 +115,7 @@ def renew(*files):
     RENEW = True
     folder = GOLDEN.parents[1]
     users = files or [
-        str(one) for one in folder.glob("test_*.py") if "from refusals import" in one.read_text(encoding="utf-8")
+        str(one) for one in folder.rglob("test_*.py") if "from refusals import" in one.read_text(encoding="utf-8")
     ]
     status = pytest.main(["-q", "-n", "0", "-p", "no:cacheprovider", *users], plugins=[Renewal()])
     kept = golden() if files else {}

@@ -7,7 +7,7 @@ from docutils.nodes import Node
 from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective
 
-from nontwist.cli.options import meaning, place
+from nontwist.cli.shared_options import meaning, place
 
 
 def literal(text: str) -> str:

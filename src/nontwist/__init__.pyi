@@ -32,8 +32,8 @@ from .driver.steering import steer as steer
 from .fitting import fit_inertia as fit_inertia
 from .geometry import rotations as rotations
 from .geometry import sphere as sphere
-from .io.results import open_run as open_run
-from .io.results import save_run as save_run
+from .io.run_files import open_run as open_run
+from .io.run_files import save_run as save_run
 from .loads import Load as Load
 from .loads import body_moment as body_moment
 from .loads import constant as constant

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .geometry.arrays import arcs, norm
-from .geometry.curves import frame_along, frame_of_curve
+from .geometry.curve_frames import frame_along, frame_of_curve
 from .geometry.frames import closed_frame, frame_error_estimate, holonomy, nontwisting_frame, solid_angle
 from .geometry.linking import directions, link, normalised, polygon, ribbon_twist, writhe, writhe_and_crossings
 from .geometry.values import public

@@ -137,6 +137,7 @@ class Status(IntEnum):
     NOT_FINITE = 7  #: a number of the result is infinite or NaN
     INCOMPLETE = 8  #: the integrator returned without an error and without all states
     JUMP = 9  #: a load jumps with the state, and a step has no solution
+    TOO_MANY = 10  #: SciPy's solver needs more steps than a run may take
 
 
 class SimulationError(RuntimeError):

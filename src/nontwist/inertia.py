@@ -1,8 +1,8 @@
 """Inertia of boxes, cylinders, ellipsoids, points and meshes; shifted, in principal axes, convected and Euler's."""
 
 from .geometry.values import public
-from .models.inertia import of_cuboid, of_cylinder, of_ellipsoid, of_points, principal_frame, shift
 from .models.mesh import MassProperties, of_mesh
+from .models.solids import of_cuboid, of_cylinder, of_ellipsoid, of_points, principal_frame, shift
 from .models.system import convected_inertia, euler_inertia
 
 __all__ = [

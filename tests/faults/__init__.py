@@ -1,4 +1,4 @@
-"""What can go wrong around a run, made to happen; run by tests/test_faults.py and by `make faults`.
+"""What can go wrong around a run, made to happen; run by tests/pages/test_faults.py and by `make faults`.
 
 A fault is a function of an empty folder. Its docstring says what is done; it raises AssertionError where the package
 does not behave, and returns what happened, in words.

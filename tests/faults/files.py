@@ -7,7 +7,7 @@ import numpy as np
 
 from nontwist import nontwisting, open_run, save_run, simulate
 from nontwist.errors import ResultFileError
-from nontwist.io.results import LENGTH
+from nontwist.io.run_files import LENGTH
 
 
 @cache

@@ -18,13 +18,13 @@ import nontwist
 from nontwist import nontwisting, open_run, save_run, simulate, sine, standard
 from nontwist.driver import single_run
 from nontwist.errors import SimulationInterrupt
-from nontwist.io import results, whole
-from nontwist.io.results import reserved
+from nontwist.io import run_files, whole
+from nontwist.io.run_files import reserved
 
 from .children import CONTEXT, answer, child, happened
 from .files import a_run
 
-KILLS, WRITER = 8, {whole.__file__, results.__file__}
+KILLS, WRITER = 8, {whole.__file__, run_files.__file__}
 
 
 class _Lines:

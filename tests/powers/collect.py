@@ -36,8 +36,8 @@ from nontwist.cli import app
 from nontwist.integrators import Integrator
 from nontwist.recordings.formats import READERS
 from nontwist.runfile.document import json_schema
-from test_docstrings import NOT_CALLED, PUBLIC
-from test_fuzz_public import FUNCTIONS, MADE_BY_THE_PACKAGE, leaves
+from public.test_docstrings import NOT_CALLED, PUBLIC
+from public.test_fuzz_public import FUNCTIONS, MADE_BY_THE_PACKAGE, leaves
 
 HERE = Path(__file__).parent
 TABLE, THINGS = HERE / "table.json", json.loads((HERE / "things.json").read_text(encoding="utf-8"))

@@ -25,6 +25,7 @@ from . import makers
 from .makers import EULER, GYR, N, Q, R, T, columns, made, quat, text, vector
 from .test_truth import require_motion
 
+pytestmark = pytest.mark.usefixtures("libraries_read_here")
 FOLDER = makers.DATA / "cases"
 STORED = {file.name for file in FOLDER.iterdir()}
 PSI = 4.92139  # rad: the twist of the motion in most files of the cases, over 6 s

@@ -17,6 +17,8 @@ from nontwist.runfile.files import columns_of
 from . import test_truth as of
 from .makers import GYR, N, T, text, vector
 
+pytestmark = pytest.mark.usefixtures("libraries_read_here")
+
 MOMENT = {"time": T, **vector("M{}", GYR)}
 QUOTED = {'"time"': T, '"h"': [f"{x / 3:.17g}" for x in np.round(of.SPEED, 9)]}
 TABLES = {

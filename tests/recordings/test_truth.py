@@ -23,6 +23,8 @@ from refusals import RENEW
 from . import makers
 from .makers import GYR, MATRICES, START, WXYZ, N, Q, R, T, columns, copied, made, mt_manager, quat, text, vector
 
+pytestmark = pytest.mark.usefixtures("libraries_read_here")
+
 RECORDED = makers.DATA / "recordings_0.2.0.json"
 MS, US, NS = (np.array([20 * scale * k for k in range(N)]) for scale in (1, 1000, 1_000_000))
 DEGREES, ROTVEC, DPS = np.degrees(makers.EULER), R.as_rotvec(), np.degrees(GYR)

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from ..geometry.arrays import Array, as_array, as_floats, require_finite
 from ..geometry.attitudes import without_jumps
 from ..loads.kinds import load_in_words
-from ..loads.memory import carried_on, recorded_wheels
+from ..loads.memory_terms import carried_on, recorded_wheels
 from .datasets import RUN, as_dataset, recorded
 from .trajectory import Trajectory
 

@@ -27,8 +27,9 @@ import numpy as np
 
 from ..geometry.arrays import Array, as_number
 from ..geometry.values import among, as_list, nearest, short_repr
-from ..integrators.base import IVP, Integrator, Outcome, Status
-from ..integrators.problem import FIRST, INTEGRAL, LEAST, MOST, OBSERVED
+from ..integrators.integrator import IVP, Integrator, Outcome, Status
+from ..integrators.ivp import FIRST, INTEGRAL, LEAST, MOST, OBSERVED
+from ..loads.load import with_torques
 from ..loads.potentials import Potential
 from ..models.stack import SystemStack
 from .datasets import RUN, as_dataset
@@ -100,15 +101,16 @@ def _of_members(ensemble: IVP) -> dict[str, Any]:
         dead = systems.dead_force if systems.has_dead_force else None
         bodies = zip(MEMBERS, (systems.euler_inertia, systems.axis, dead, systems.spin_factor), strict=False)
         found = {name: array for name, array in bodies if array is not None}
-    if len(ensemble.load_scale) > 1:
-        found["load_scale"] = ensemble.load_scale
+    each = {name: getattr(ensemble, name) for name in ("load_scale", "wheel_torque")}
+    found |= {name: array for name, array in each.items() if array is not None and len(array) > 1}
     return described(found, ("member",))
 
 
 def _record(scheme: Integrator, ensemble: IVP) -> dict[str, Any]:
     """Return the settings of the runs as plain attributes."""
-    systems, scale = ensemble.systems, ensemble.load_scale
-    load = float(scale[0]) * ensemble.load if len(scale) == 1 and ensemble.load.terms else ensemble.load
+    systems, load, scale, torques = ensemble.systems, ensemble.load, ensemble.load_scale, ensemble.wheel_torque
+    load = float(scale[0]) * load if len(scale) == 1 and load.terms else load
+    load = with_torques(load, torques[0]) if torques is not None and len(torques) == 1 else load
     body = {"system": systems[0].to_json()} if len(systems) == 1 else {}
     return {
         "format_version": FORMAT_VERSION,

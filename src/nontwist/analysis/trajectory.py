@@ -16,7 +16,7 @@ from ..geometry.arrays import Array, largest_size
 from ..geometry.attitudes import States, director_velocities, directors
 from ..geometry.values import counted
 from ..integrators import Integrator
-from ..integrators.problem import Intervals, Stretches
+from ..integrators.ivp import Intervals, Stretches
 from ..loads import Load
 from ..loads.friction import ROUND_OFF
 from ..loads.kinds import is_rotor, load_of, rotors_of

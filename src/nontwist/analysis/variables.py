@@ -38,7 +38,7 @@ from ..geometry.attitudes import PLACES, States, director_velocities, entries
 from ..geometry.values import among, as_list, nearest, short_repr
 from ..loads import Load
 from ..loads.friction import ROUND_OFF
-from ..loads.memory import recorded_wheels
+from ..loads.memory_terms import recorded_wheels
 from ..models.stack import SystemStack, stacked
 from ..models.system import DirectorSystem
 
@@ -149,6 +149,7 @@ MEMBERS: dict[str, About] = {  # of ensembles whose members differ in them
     "dead_force": (("director", "axis"), "N m", "dead forces on the directors", "f^i"),
     "spin": ((), "rad s-1", "factor of the prescribed spin", "c"),
     "load_scale": ((), "1", "factor of the load", "c"),
+    "wheel_torque": (("wheel",), "N m", "torque of the motor beside that of the load", "τ"),
 }
 VARIABLES |= ROTORS | WHEELS | LOADED | DERIVATIVES | MEMBERS
 
@@ -300,7 +301,7 @@ def names_of(variables: str | Iterable[str], whose: str, hint: str = "") -> tupl
 
 
 class Wheels(NamedTuple):
-    """The wheels of a load (`loads.memory`): what gives their states."""
+    """The wheels of a load (`loads.memory_terms`): what gives their states."""
 
     axes: Array  # (k, 3)
     inertia: Array  # (k,)

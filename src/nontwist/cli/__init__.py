@@ -20,8 +20,8 @@ from . import (
     sweep_commands,
     view_commands,
 )
-from .options import Command, Opt, command
 from .outcomes import Commands
+from .shared_options import Command, Opt, command
 
 app = typer.Typer(
     cls=Commands,

@@ -20,10 +20,21 @@ from ..errors import RunFileError
 from ..geometry.values import number_text
 from ..io.whole import require_free, written
 from ..validation import GROUPS
-from .options import Answer, Force, OneRunFile, Opt, Overrides, Quiet, RunFiles, refuse, require_folder, require_suffix
 from .outcomes import BAD_DATA, DIFFERS, SOLVER, CommandError, on_file
 from .printing import print_fitting, print_rows, print_table, say, say_next, say_written, show, shown_unit
 from .run_commands import estimate_words, forecast_rows, read_all, read_one
+from .shared_options import (
+    Answer,
+    Force,
+    OneRunFile,
+    Opt,
+    Overrides,
+    Quiet,
+    RunFiles,
+    refuse,
+    require_folder,
+    require_suffix,
+)
 
 if TYPE_CHECKING:
     import xarray

@@ -18,7 +18,9 @@ from ..errors import SENTENCES, InputError, ShellOptions
 from ..geometry.values import error_place, error_text, number_text, text_to_place
 from ..io.whole import require_free, written
 from ..recordings.options import ReadOptions
-from .options import (
+from .outcomes import BAD_DATA, CommandError, about, require_readable
+from .printing import print_rows, say
+from .shared_options import (
     Answer,
     DecimalComma,
     Opt,
@@ -30,8 +32,6 @@ from .options import (
     refuse,
     settings,
 )
-from .outcomes import BAD_DATA, CommandError, about, require_readable
-from .printing import print_rows, say
 
 if TYPE_CHECKING:
     import xarray
@@ -202,7 +202,7 @@ def facts(result: xarray.Dataset) -> dict[str, Any]:
 
 def _write(result: xarray.Dataset, places: dict[str, Path], degrees: bool, decimal_comma: bool, force: bool) -> None:
     """Write what each suffix stands for."""
-    from ..io.results import in_degrees, write_csv
+    from ..io.run_files import in_degrees, write_csv
 
     nontwist.save_run(result, places[".nc"], force=force)
     if ".csv" in places:

@@ -15,10 +15,10 @@ import nontwist
 from ..errors import ResultFileError
 from ..geometry.values import nearest, number_text
 from ..io.whole import require_free, written
-from .options import AsJson, DecimalComma, Force, Opt, argument, refuse, require_suffix
 from .outcomes import require_readable
 from .printing import print_rows, print_variables, printed_warnings, say_next, say_written
 from .run_commands import body_rows, invariants_kept, rows_of_run, steps_of, times_of_events
+from .shared_options import AsJson, DecimalComma, Force, Opt, argument, refuse, require_suffix
 
 if TYPE_CHECKING:
     import xarray
@@ -72,7 +72,7 @@ def export_command(
     quantities of intervals along midtime, events, and in "record" how the run was made, in SI units.
     """
     from ..geometry.attitudes import require_sequence
-    from ..io.results import in_degrees, with_euler, write_csv, write_json, write_npz
+    from ..io.run_files import in_degrees, with_euler, write_csv, write_json, write_npz
 
     if out is not None:
         require_suffix(out, *((".csv", ".npz", ".json") if to is None else (f".{to}",)))
@@ -127,7 +127,7 @@ def _run_or_sweep(path: Path) -> xarray.Dataset:
     """Return a run, or the members of a sweep, numbered, what was varied first."""
     if not path.is_dir():
         return _opened(path)
-    from ..sweeps.reading import dataset
+    from ..sweeps.opening import dataset
     from ..sweeps.store import open_store
 
     kept = open_store(path)
@@ -142,7 +142,7 @@ def _chosen(run: xarray.Dataset, names: str | None, kind: str) -> xarray.Dataset
 
     For CSV, variables of events come without states, whose lines are others.
     """
-    from ..io.results import EVENTS, STATES
+    from ..io.run_files import EVENTS, STATES
 
     if names is None:
         return run
@@ -152,9 +152,8 @@ def _chosen(run: xarray.Dataset, names: str | None, kind: str) -> xarray.Dataset
         refuse((name not in known, "--columns", f"there is no variable {name!r}; {nearest(name, known)}"))
     events = [name for name in chosen if EVENTS in run[name].dims]
     if kind == "csv" and events and STATES in run.dims:
-        other = [name for name in chosen if name not in events]
-        for name in other[:1]:
-            why = f"{events[0]} has a line for each event, {name} has others; export them one after the other, or "
+        if other := [name for name in chosen if name not in events]:
+            why = f"{events[0]} has a line for each event, {other[0]} has others; export them one after the other, or "
             refuse((True, "--columns", f"{why}both with --to json or --to npz"))
         return run[list(dict.fromkeys(["t_events", *events]))]
     return run[chosen].assign_coords({name: run[name] for name in always})
@@ -163,7 +162,7 @@ def _chosen(run: xarray.Dataset, names: str | None, kind: str) -> xarray.Dataset
 def _facts(run: xarray.Dataset, path: Path, body: DirectorSystem | None) -> dict[str, Any]:
     """Return everything that `info` prints, as plain data."""
     from ..analysis.invariants import STATES
-    from ..io.results import record
+    from ..io.run_files import record
 
     attributes, time = record(run), run["time"].values
     facts: dict[str, Any] = {

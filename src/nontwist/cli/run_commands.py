@@ -19,9 +19,9 @@ import nontwist
 from ..errors import RunFileError, SimulationError, SimulationInterrupt
 from ..geometry.values import nearest, number_text
 from ..io.whole import require_free, written
-from .options import Answer, Force, Opt, Overrides, RunFiles, argument, refuse, require_folder, require_suffix
 from .outcomes import BAD_DATA, INTERRUPTED, IO, SOLVER, CommandError, about, on_file
 from .printing import print_rows, say, say_next, say_written, shown_unit
+from .shared_options import Answer, Force, Opt, Overrides, RunFiles, argument, refuse, require_folder, require_suffix
 from .view_commands import smooth
 
 if TYPE_CHECKING:
@@ -53,7 +53,7 @@ def run_command(
     part, too.
     """
     from ..driver.notices import sigterm_interrupts
-    from ..io.results import reserved
+    from ..io.run_files import reserved
 
     run_files = read_all(files, overrides)
     targets = {path: _target(path, one, out, len(files)) for path, one in run_files.items()}
@@ -128,17 +128,16 @@ def _run(run_file: RunFile, path: Path, target: Path, write: Any, figures: Seque
     seconds = perf_counter() - started
     with about(f"cannot write {target}", OSError):
         write(run)
-    written = [target]
-    if stopped is None:
-        drawn = run
-        if figures:
-            with suppress(ValueError, SimulationError):  # a load that ends here, or a step that fails
-                drawn = smooth(run, run_file.prepared.plan.load)
+    written, numbers = [target], {"file": str(path), "result": str(target), **run_numbers(run), "seconds": seconds}
+    if stopped is None and figures:
+        started, drawn = perf_counter(), run
+        with suppress(ValueError, SimulationError):  # a load that ends here, or a step that fails
+            drawn = smooth(run, run_file.prepared.plan.load)
         written += [figure for name in figures for figure in _draw(drawn, target, name, answer.force)]
-    else:
+        numbers["figure_seconds"] = perf_counter() - started
+    elif stopped is not None:
         say(f"{path}: {stopped}", "red")
         say(f"{path}: the completed part, up to t = {float(run['time'][-1]):.12g} s, is saved in {target}", "red")
-    numbers = {"file": str(path), "result": str(target), **run_numbers(run), "seconds": seconds}
     if answer.in_words(numbers | {"written": [*map(str, written)]}):
         print_rows(numbers["title"], run_rows(numbers))
     moves = [("view", target)] if run.sizes["time"] > 1 else []
@@ -281,7 +280,7 @@ def forecast_rows(run_file: RunFile, forecast: Forecast) -> dict[str, str]:
 def steps_of(run: xarray.Dataset) -> dict[str, int]:
     """Return how many steps a run has taken, as {"steps": N}; nothing of a run without steps or states."""
     from ..analysis.trajectory import stretches_from
-    from ..integrators.problem import FIT
+    from ..integrators.ivp import FIT
 
     time, grid, h = run["time"].values, stretches_from(run.attrs.get("stretches")), run.attrs.get("step")
     if h is None or not len(time):
@@ -293,7 +292,7 @@ def steps_of(run: xarray.Dataset) -> dict[str, int]:
 def run_numbers(run: xarray.Dataset) -> dict[str, Any]:
     """Return what was done in a run and how well its invariants were kept, as plain data."""
     from ..analysis.trajectory import stretches_from
-    from ..io.results import record
+    from ..io.run_files import record
 
     time, iterations = run["time"].values, run.get("newton_iterations")
     numbers = {name: value for name, value in record(run).items() if name in TOLD}
@@ -363,4 +362,7 @@ def run_rows(numbers: Mapping[str, Any]) -> dict[str, str]:
         rows["Newton iterations"] = f"at most {numbers['newton_iterations']} per step"
     if numbers["status"] == 0 and numbers["message"] != "done":
         rows["end"] = numbers["message"]
-    return rows | {"time taken": f"{number_text(numbers['seconds'], '.3g')} s, with start-up"}
+    drawn = (
+        f", and {number_text(numbers['figure_seconds'], '.3g')} s for figures" if "figure_seconds" in numbers else ""
+    )
+    return rows | {"time taken": f"{number_text(numbers['seconds'], '.3g')} s, with start-up{drawn}"}

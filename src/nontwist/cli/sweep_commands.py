@@ -13,10 +13,20 @@ import nontwist
 
 from ..geometry.values import number_text
 from ..io.whole import require_free, written
-from .options import Answer, OneRunFile, Opt, Overrides, Quiet, argument, looks_like_a_file, refuse, require_suffix
 from .outcomes import DIFFERS, on_file
 from .printing import print_rows, print_table, print_variables, say, say_next, say_written
 from .run_commands import read_one
+from .shared_options import (
+    Answer,
+    OneRunFile,
+    Opt,
+    Overrides,
+    Quiet,
+    argument,
+    looks_like_a_file,
+    refuse,
+    require_suffix,
+)
 
 if TYPE_CHECKING:
     from ..runfile import RunFile
@@ -236,7 +246,7 @@ def show_command(
     length. The last state of --member equals that in the store, bit for bit.
     """
     from ..plot.journals import require_places
-    from ..sweeps.reading import draw
+    from ..sweeps.opening import draw
 
     wrong = bool(plotted) != plot or (plotted and len(plotted) not in (2, 3))
     refuse((wrong, "--plot", "give --plot KEY QUANTITY, or --plot KEY KEY2 QUANTITY"))

@@ -17,9 +17,9 @@ from ..errors import SimulationError
 from ..io.whole import require_free
 from ..recordings.options import ReadOptions
 from ..spec import specs
-from .options import Force, Opt, argument, given_again, numbers_of, refuse, require_suffix
 from .outcomes import about, require_readable
 from .printing import say
+from .shared_options import Force, Opt, argument, given_again, numbers_of, refuse, require_suffix
 
 if TYPE_CHECKING:
     import xarray
@@ -137,8 +137,8 @@ def view_command(
         if not path.exists():
             raise FileNotFoundError(f"no such file: {path}")
     given = given_again(ctx, specs(ReadOptions))
-    for option in given[:1]:
-        refuse((all(map(_is_result, inputs)), option, f"applies to recordings only; {run} is a result"))
+    if given:
+        refuse((all(map(_is_result, inputs)), given[0], f"applies to recordings only; {run} is a result"))
     require_free(*films, *([] if target is None else [target]), force=force)
     runs = [_read(path, reading, slice(first, last), given) for path in inputs]
     page = nontwist.view(*runs, title=title, labels=names) if target is not None else None

@@ -39,7 +39,7 @@ from ..driver.problem import OfComparison, Problem, posed, start_of, takes
 from ..geometry.arrays import Array, as_array
 from ..geometry.values import as_list, as_whole, short_repr
 from ..integrators import INTEGRATORS, Integrator, SimulationError, Status
-from ..integrators.problem import Stretches, stretched
+from ..integrators.ivp import Stretches, stretched
 from ..loads import Load, as_load
 from ..models.stack import stacked
 from ..models.system import DirectorSystem, as_system

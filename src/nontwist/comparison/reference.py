@@ -30,7 +30,7 @@ from ..driver.starts import Starts
 from ..driver.tolerance import CHANGE, LARGER, moved
 from ..geometry.arrays import EPS, Array
 from ..integrators import Continuous, Exact, Gauss, Integrator, LieMidpoint
-from ..integrators.problem import Stretches, stretched
+from ..integrators.ivp import Stretches, stretched
 from ..loads import as_load
 from ..models.stack import stacked
 

@@ -15,14 +15,14 @@ from numpy.typing import ArrayLike
 from ..geometry.arrays import Array, as_array, as_floats, as_number, as_positive, vector
 from ..geometry.values import hinted, short_repr
 from ..integrators import INTEGRATORS, IVP, Integrator, SimulationError, Status
-from ..integrators.base import Failure
 from ..integrators.compiled import Compiled
+from ..integrators.integrator import Failure
+from ..integrators.ivp import stretched
 from ..integrators.load_samples import COMMANDED, commanded, wheel_columns
-from ..integrators.marching import ENDS, NUMBERS, Numbers, SingleStep, Vector, Wheels
-from ..integrators.problem import stretched
+from ..integrators.marched_stacks import ENDS, NUMBERS, Numbers, SingleStep, Vector, Wheels
 from ..loads import Load, Term, as_load
-from ..loads.base import of_body
-from ..loads.memory import Column
+from ..loads.load import of_body
+from ..loads.memory_terms import Column
 from ..loads.terms import Table
 from ..models.stack import stacked
 from ..models.system import DirectorSystem, as_system

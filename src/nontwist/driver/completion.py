@@ -25,13 +25,13 @@ from ..analysis.variables import NODES, Acting, observables
 from ..geometry.arrays import Array
 from ..geometry.attitudes import States, attitudes, directors
 from ..geometry.values import number_text, vector_text
-from ..integrators.base import BEYOND_JUMPS, IVP, Failure, Integrator, Outcome, Status
+from ..integrators.integrator import BEYOND_JUMPS, IVP, Failure, Integrator, Outcome, Status
+from ..integrators.ivp import FIRST, OBSERVED, onward
 from ..integrators.load_samples import as_gyrostat, as_marched, of_locked, set_works_between, with_wheels, with_works
-from ..integrators.marching import Marched
-from ..integrators.problem import FIRST, OBSERVED, onward
+from ..integrators.marched_stacks import Marched
 from ..integrators.stepping import one_by_one
-from ..loads.base import state_moment_at
-from ..loads.memory import Memory, Wheel, gain_of_energy
+from ..loads.load import state_moment_at
+from ..loads.memory_terms import Memory, Wheel, gain_of_energy
 from ..loads.terms import Term
 from .grid import require_resolution
 
@@ -108,8 +108,14 @@ def unchecked(scheme: Integrator, problem: IVP, threads: int = 1) -> Outcome:
     """Integrate a problem, one with wheels as that of gyrostats, member by member."""
     if not problem.load.wheels:
         return scheme.march(problem, threads)
-    whole = with_works(problem)
-    found = of_locked(whole, one_by_one(lambda one: scheme.march(as_gyrostat(one)), whole, threads))
+    whole, are_alike = with_works(problem), problem.wheel_torque is None
+
+    def march_one(one: IVP) -> Outcome:
+        found = scheme.march(as_gyrostat(one))
+        return found if are_alike else of_locked(one, found)
+
+    found = one_by_one(march_one, whole, threads)
+    found = of_locked(whole, found) if are_alike else found
     if len(whole.stored_times) == len(problem.stored_times):
         return found if problem.intervals else found._replace(intervals=None)
     return found.at(whole, problem)

@@ -24,7 +24,7 @@ r, which takes energy, and the rest of the step follows in the new modes. Means 
 that a step does not turn a body far behind the root, it is at most as long as two of the times in which a rate would
 vanish, where this is much shorter than the step.
 
-With the momenta h and the speeds Ω of wheels about axes n_a (`loads.memory`), r_a what acts on each beside dry
+With the momenta h and the speeds Ω of wheels about axes n_a (`loads.memory_terms`), r_a what acts on each beside dry
 friction, J_c the inertia of what carries them, Q = J_c⁻¹, across a constrained axis n ``B (BᵀJ_c B)⁻¹ Bᵀ`` of a basis
 B, and M the moments of all else,
 
@@ -53,13 +53,13 @@ import numpy as np
 
 from ..geometry.arrays import Array, cross
 from ..geometry.attitudes import States, directors
-from ..integrators.base import IVP, Integrator
+from ..integrators.integrator import IVP, Integrator
 from ..integrators.load_samples import carrier, wheel_columns
 from ..loads import Load
-from ..loads.base import moment_at
 from ..loads.friction import ROUND_OFF
 from ..loads.functions import checked
-from ..loads.memory import Wheel
+from ..loads.load import moment_at
+from ..loads.memory_terms import Wheel
 from ..models.system import DirectorSystem
 from .starts import BodyState
 

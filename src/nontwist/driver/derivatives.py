@@ -15,9 +15,9 @@ from ..analysis.variables import DERIVATIVES, Described, assembled, described, l
 from ..geometry.arrays import Array, as_array
 from ..integrators import IVP
 from ..integrators.compiled import Compiled
-from ..integrators.linearised import Linearised, scheme_of
+from ..integrators.ivp import Stretches, stretched
+from ..integrators.linearised_runs import Linearised, scheme_of
 from ..integrators.memory_tangents import RememberingSteps, require_derivatives
-from ..integrators.problem import Stretches, stretched
 from ..integrators.tangents import ForwardTangents, PreparedTangents, back, forward
 from ..models.system import DirectorSystem
 from .grid import stored_steps

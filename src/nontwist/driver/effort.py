@@ -38,8 +38,8 @@ from ..geometry import rotations
 from ..geometry.arrays import Array, as_positive
 from ..geometry.values import as_whole
 from ..integrators import Status
-from ..integrators.linearised import Linearised, scheme_of
-from ..integrators.problem import stretched
+from ..integrators.ivp import stretched
+from ..integrators.linearised_runs import Linearised, scheme_of
 from ..integrators.tangents import forward
 from ..loads import Load, body_moment
 from ..models.bodies import D3, nontwisting

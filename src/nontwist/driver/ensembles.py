@@ -16,7 +16,7 @@ from ..geometry.arrays import Array, as_number, largest_size, vector
 from ..geometry.values import among, as_list, as_whole, short_repr
 from ..integrators import Status
 from ..integrators.compiled import Compiled
-from ..integrators.problem import stretched
+from ..integrators.ivp import stretched
 from ..models.stack import SystemStack
 from ..models.system import DirectorSystem, as_system
 from . import completion
@@ -80,6 +80,10 @@ def simulate_ensemble(
         Initial angular velocities w in space.
     load_scale : float or (m,) array
         Factors that multiply the load.
+    wheel_torque : (m, w) or (w,) array, N m, optional
+        Torques of the motors of the w wheels of the load, in its order, for each member. They are constant, and add to
+        those of the load, to a table from its first to its last time; `load_scale` does not multiply them. Tables,
+        functions and friction are the same for all members.
     store : int or "end"
         Store every `store`-th state, or only the first and the last, which is the default since all may not fit into
         memory.
@@ -140,7 +144,7 @@ def simulate_ensemble(
     if requested:
         require_observed(scheme, load)
     if on_gpu := is_gpu(device):
-        from ..integrators.gpu import require
+        from ..integrators.gpu_stack import require
 
         require(scheme, load)
     grid, first = plan.grid, None

@@ -29,10 +29,10 @@ from ..analysis.trajectory import Events
 from ..geometry.arrays import Array, as_number
 from ..geometry.attitudes import States
 from ..geometry.values import as_whole, short_repr
-from ..integrators.base import IVP, Failure, Integrator, Outcome, Status
 from ..integrators.costs import largest_velocity
+from ..integrators.integrator import IVP, Failure, Integrator, Outcome, Status
+from ..integrators.ivp import Intervals, onward, started
 from ..integrators.load_samples import wheel_columns
-from ..integrators.problem import Intervals, onward, started
 from . import completion
 from .starts import BodyState, axes_of, body_state
 

@@ -14,9 +14,9 @@ from ..geometry.arrays import Array
 from ..geometry.attitudes import States
 from ..geometry.values import as_whole
 from ..integrators import IVP, Integrator, SimulationError, Status
-from ..integrators.base import Outcome
-from ..integrators.linearised import Linearised, scheme_of
-from ..integrators.problem import Stretches
+from ..integrators.integrator import Outcome
+from ..integrators.ivp import Stretches
+from ..integrators.linearised_runs import Linearised, scheme_of
 from ..integrators.stepping import in_threads
 from ..integrators.stepping import progress as counted
 from ..integrators.tangents import Growth
@@ -132,7 +132,7 @@ def lyapunov_ensemble(
     ----------
     system, t_end, step, tolerance, t_start, start, rotation, scalar_first, material_angular_velocity
         As in `simulate_ensemble`.
-    angular_velocity, load, load_scale, integrator, order, project, progress, threads
+    angular_velocity, load, load_scale, wheel_torque, integrator, order, project, progress, threads
         As in `simulate_ensemble`; "gauss", "lie-midpoint" and "energy-momentum" have derivatives.
 
     Returns
@@ -199,7 +199,7 @@ def grown(scheme: Integrator, problem: IVP, threads: int) -> tuple[Array, Outcom
     The outcome is without states: they are marched, and their steps linearised, some members at a time.
     """
     m, nodes = len(problem), np.arange(problem.steps + 1)
-    is_alike = len(problem.systems) == len(problem.load_scale) == 1
+    is_alike = len(problem.systems) == len(problem.load_scale) == 1 and problem.wheel_torque is None
     shared = Linearised(problem.member(0), scheme, ())
     common = Growth(shared).keep() if is_alike else None
     sums, failures, reasons = np.full((m, Growth(shared).count), np.nan), np.zeros((m, 4)), dict[int, str | Exception]()

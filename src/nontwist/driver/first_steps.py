@@ -31,8 +31,8 @@ from ..geometry.arrays import EPS, Array
 from ..integrators import Integrator
 from ..integrators.costs import gyration_rate, highest_frequency, slowest_damping, swing_rate
 from ..integrators.gauss import Gauss
+from ..integrators.ivp import Stretches, stretched
 from ..integrators.lie_midpoint import LieMidpoint
-from ..integrators.problem import Stretches, stretched
 from .grid import FEWEST, HIGHER, MOST, TURN, Pieces, even_step, steady, stretches_of
 from .planning import Plan, candidates
 from .starts import Starts

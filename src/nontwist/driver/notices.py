@@ -22,9 +22,9 @@ import numpy as np
 from ..errors import warn
 from ..geometry.values import number_text
 from ..integrators import IVP, Integrator, Status
-from ..integrators.base import Failure, Outcome
 from ..integrators.costs import Cost
-from ..integrators.problem import Stretches
+from ..integrators.integrator import Failure, Outcome
+from ..integrators.ivp import Stretches
 from ..loads import Load
 from ..loads.functions import name_of
 from ..models.stack import SystemStack
@@ -36,7 +36,10 @@ if TYPE_CHECKING:
     import xarray
 
 LONG, LARGE = 10.0, 1e9  # s and bytes above which a run is announced
-STATE_NS, MEMBER_NS = 5_000, 100_000  # of a stored state; of a member that is integrated by itself
+STATE_NS = 5_000  # of a stored state
+LEAST_NS, MEMBER_NS, WHEELS_NS = 3_000, 100_000, 1_000_000  # of a member; of one integrated by itself, and with wheels
+# Of an ensemble of a sweep; where its load is compiled for it.
+ENSEMBLE_NS, COMPILED_NS = 4_000_000, 25_000_000
 COARSE_STEP = "the step is coarse"
 SMOOTH = "make smooth, over a scale that steps resolve, what switches or saturates with the state"
 COARSE, FINE = 0.1, 0.002  # rad at the end: that is reported, and that of the step that is advised
@@ -50,11 +53,19 @@ def run_cost(scheme: Integrator, problem: IVP, states: int) -> Cost:
 
 def members_cost(scheme: Integrator, problem: IVP, members: int, states: int, size: int = 0, threads: int = 1) -> Cost:
     """Return the estimated cost of `members` like `problem`, whose states need `size` bytes."""
-    one, threads = scheme.cost(problem, states), min(threads, members)
-    together = scheme.together > 0 and problem.load.is_compiled
-    each = one.seconds / scheme.together if together else one.seconds + MEMBER_NS * 1e-9
-    seconds = members * each / (threads if problem.load.is_compiled else 1)
+    one, threads, load = scheme.cost(problem, states), min(threads, members), problem.load
+    each = one.seconds + (WHEELS_NS if load.wheels else MEMBER_NS) * 1e-9
+    if scheme.together > 0 and load.is_compiled and not (load.wheels or load.is_dry):
+        each = max(one.seconds / max(1.0, min(scheme.together, members)), LEAST_NS * 1e-9)
+    seconds = members * each / (threads if load.is_compiled else 1)
     return Cost(members * one.parts, one.unit, seconds, size + threads * one.size)
+
+
+def sweep_seconds(scheme: Integrator, problem: IVP, members: int, ensembles: int) -> float:
+    """Return about how long members take in so many ensembles, s, each of which is laid out and sampled anew."""
+    each = members_cost(scheme, problem, -(-members // ensembles), 2).seconds
+    own = ENSEMBLE_NS + COMPILED_NS * (ensembles > 1 and bool(problem.load.memories))
+    return members / -(-members // ensembles) * each + ensembles * own * 1e-9
 
 
 def excess(cost: Cost) -> str | None:

@@ -8,19 +8,19 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..engine.functions import FUNCTIONS, changes_of_numbers, kernel_kind, numbers_of
+from ..engine.called_functions import FUNCTIONS, changes_of_numbers, kernel_kind, numbers_of
 from ..engine.known_steps import INPUTS, NODAL
 from ..geometry.arrays import Array
 from ..geometry.attitudes import BASIS, ENTRIES
 from ..geometry.values import as_list, guess, short_repr
 from ..integrators.compiled import Compiled
-from ..integrators.linearised import Changes, Entries, StepNodes
+from ..integrators.ivp import IVP
+from ..integrators.linearised_runs import Changes, Entries, StepNodes
 from ..integrators.load_samples import as_marched, orbit_of
 from ..integrators.memory_tangents import FIELDS, NAMES
-from ..integrators.problem import IVP
-from ..loads.base import is_called, tables_as_moments
-from ..loads.derivatives import LATER, Slopes, fixed_slopes, momentum_slopes, slopes_of_time, with_parameter
-from ..loads.memory import Wheel
+from ..loads.load import is_called, tables_as_moments
+from ..loads.load_derivatives import LATER, Slopes, fixed_slopes, momentum_slopes, slopes_of_time, with_parameter
+from ..loads.memory_terms import Wheel
 from ..loads.potentials import ForceTable, GravityGradient
 from ..loads.terms import BODY, XYZ, Rotor, Term, chord, own_fields, parameters_of
 

@@ -16,12 +16,12 @@ from ..geometry.values import nearest, short_repr
 from ..integrators import DEFAULT, INTEGRATORS, IVP, Integrator
 from ..integrators.continuous import METHODS
 from ..integrators.costs import damping_at, damping_rate, largest_velocity, memory_rate, slowest_damping
+from ..integrators.ivp import Stretches, stretched
 from ..integrators.load_samples import carrier
 from ..integrators.load_samples import internal_states as first_states
-from ..integrators.problem import Stretches, stretched
 from ..loads import Load, Term, as_load, damping
-from ..loads.base import of_body
-from ..loads.memory import carried_on
+from ..loads.load import of_body
+from ..loads.memory_terms import carried_on
 from ..loads.potentials import GravityGradient
 from ..models.stack import SystemStack, stacked
 from ..models.system import DirectorSystem
@@ -229,6 +229,7 @@ class Plan(NamedTuple):
             memory=begin.memory,
             internal=internal_states(self.systems, self.load, begin, self.t_start),
             stretches=grid,
+            wheel_torque=begin.wheel_torque,
             **options,
         )
 

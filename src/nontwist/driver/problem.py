@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from ..geometry.values import unknown_keyword
 from ..integrators import DEFAULT, Integrator
 from ..loads import Load, Term, as_load
+from ..loads.load import with_torques
 from ..models.stack import SystemStack, stacked
 from ..models.system import DirectorSystem, as_system
 from ..spec import with_keywords
@@ -74,6 +75,7 @@ class OfMany(OfMotion, total=False):
     """Keywords for many motions."""
 
     load_scale: ArrayLike
+    wheel_torque: ArrayLike | None
 
 
 class OfEnsemble(OfMany, total=False):
@@ -168,7 +170,7 @@ class Problem:
         As in `simulate`.
     start, rotation, scalar_first, material_angular_velocity, angular_velocity
         As in `simulate`; of many starts as in `simulate_ensemble`.
-    load_scale
+    load_scale, wheel_torque
         As in `simulate_ensemble`.
 
     Raises
@@ -330,6 +332,8 @@ def prepared(problem: Problem) -> Prepared:
     """Return a problem made ready to run; errors as `simulate`."""
     if "load_scale" in problem.given:
         raise ValueError("load_scale is that of an ensemble; multiply the load of one run: load=2 * load")
+    if "wheel_torque" in problem.given:
+        raise ValueError("wheel_torque is that of an ensemble; those of one run are in its load: wheel(torque=...)")
     begin = start_of(problem)
     plan, events = plan_of(problem, begin), as_events(problem.events)
     shows: Literal["between", "nothing"] = "between" if events or plan.output_times is None else "nothing"
@@ -344,8 +348,8 @@ def start_of(problem: Problem) -> Starts:
 
 def starts_of(problem: Problem) -> Starts:
     """Return the checked starts of many runs; errors as `simulate_ensemble`."""
-    how = {"t_start": problem.t_start, "load_scale": problem.load_scale, **part_of(problem, OfStart)}
-    return starts(problem.system, **how, many=True, load=as_load(problem.load))
+    how = {name: getattr(problem, name) for name in ("t_start", "load_scale", "wheel_torque")}
+    return starts(problem.system, **how, **part_of(problem, OfStart), many=True, load=as_load(problem.load))
 
 
 def plan_of(problem: Problem, begin: Starts | None = None, **fixed: Any) -> Plan:
@@ -354,6 +358,8 @@ def plan_of(problem: Problem, begin: Starts | None = None, **fixed: Any) -> Plan
     `fixed` are keywords that the caller decides.
     """
     how = {**part_of(problem, OfSpan), "store": problem.store, "times": problem.times, **fixed}
+    if begin is not None and begin.wheel_torque is not None:  # which members have motors for
+        how["load"] = with_torques(as_load(problem.load), np.zeros(begin.wheel_torque.shape[1]))
     return planned(stacked(problem.system), start_time=None if begin is None else begin.time, **how)
 
 

@@ -32,12 +32,12 @@ import numpy as np
 
 from ..geometry.arrays import Array, cross
 from ..geometry.attitudes import States, attitudes, directors
-from ..integrators.base import IVP, Failure, Integrator, Outcome, Status
-from ..integrators.problem import Intervals, onward, started
+from ..integrators.integrator import IVP, Failure, Integrator, Outcome, Status
+from ..integrators.ivp import Intervals, onward, started
 from ..integrators.stepping import one_by_one
 from ..loads import Load, moment
 from ..loads.friction import ROUND_OFF, Sliding
-from ..loads.memory import OnBodyAtRest, Wheel
+from ..loads.memory_terms import OnBodyAtRest, Wheel
 from ..loads.potentials import GravityGradient
 from ..loads.terms import Damping
 from ..models.stack import stacked

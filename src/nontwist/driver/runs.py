@@ -22,10 +22,10 @@ from ..analysis.variables import VARIABLES
 from ..geometry.arrays import Array, as_array
 from ..geometry.attitudes import States, states_of, without_jumps
 from ..integrators import INTEGRATORS, IVP, Integrator, SimulationError, SimulationInterrupt
-from ..integrators.problem import FIT, Stretches, started, stretched
+from ..integrators.ivp import FIT, Stretches, started, stretched
 from ..loads import Load, Term, as_load, body_moment
-from ..loads.base import of_body
 from ..loads.kinds import load_of
+from ..loads.load import of_body
 from ..models.stack import stacked
 from ..models.system import DirectorSystem
 from . import completion

@@ -19,11 +19,11 @@ from ..errors import warn
 from ..geometry.arrays import largest_size
 from ..geometry.attitudes import States
 from ..integrators import DEFAULT, IVP, Integrator, SimulationError, SimulationInterrupt, Status, stack_march
-from ..integrators.base import Outcome
 from ..integrators.compiled import Compiled
-from ..integrators.continuous import DAMPED, MOST, Continuous, least_steps
+from ..integrators.continuous import MOST, Continuous, least_steps
 from ..integrators.costs import Cost, seconds_of_call
-from ..integrators.problem import Intervals, Stretches, stretched
+from ..integrators.integrator import Outcome
+from ..integrators.ivp import Intervals, Stretches, stretched
 from ..loads import Load
 from . import completion, notices
 from .contacts import refusal
@@ -163,8 +163,8 @@ def integrated(
     with progress_bar(grid.steps) if progress else nullcontext() as report:
         problem = plan.problem(begin, grid, intervals=plan.means, progress=report, marched=marched)
         outcome = completion.march(plan.scheme, problem)
-    if str(reason := outcome.reasons.get(0)).endswith(DAMPED) and (steps := damped_steps(plan, begin)):
-        outcome.reasons[0] = f"{reason}; use {steps}"
+    if outcome.failures[0, 0] == Status.TOO_MANY and (steps := damped_steps(plan, begin)):
+        outcome.reasons[0] = f"{outcome.reasons[0]}; use {steps}"
     return trajectory(plan.scheme, problem, outcome)
 
 
@@ -400,8 +400,11 @@ class Forecast(NamedTuple):
     problems: tuple[Any, ...]  #: a body or a load that the integrator does not take, too little memory
 
 
-def forecast(prepared: Prepared, members: int | None = None) -> Forecast:
-    """Return what a run will be like, and a sweep of so many; problems are pairs of a keyword and the reason."""
+def forecast(prepared: Prepared, swept: tuple[int, int] | None = None) -> Forecast:
+    """Return what a run will be like, and a sweep of so many members and ensembles.
+
+    Problems are pairs of a keyword and the reason.
+    """
     plan, scheme, grid, task, cost = prepared.plan, prepared.scheme, prepared.grid, prepared.whole, prepared.cost
     load, h, fastest, problems, phase = plan.load, grid.longest, prepared.fastest, [], None
     if reason := refusal(scheme, task):
@@ -409,7 +412,7 @@ def forecast(prepared: Prepared, members: int | None = None) -> Forecast:
         problems.append(("integrator" if is_taken else "load", reason))
     elif reason := notices.excess(cost):
         problems.append(("store", reason))
-    swept = None if members is None else notices.members_cost(scheme, task, members, 2).seconds
+    seconds = None if swept is None else notices.sweep_seconds(scheme, task, *swept)
     messages = load_messages(load, plan.systems, plan.t_start, plan.t_end, grid)
     if not problems and (notice := notices.notice(cost)) is not None:
         messages.append(notice)
@@ -421,4 +424,4 @@ def forecast(prepared: Prepared, members: int | None = None) -> Forecast:
             messages.append(text)
     words = tuple(type(term).words(term.description) for term in load.terms)
     told, turn = (tuple(messages), tuple(problems)), math.degrees(h * fastest)
-    return Forecast(words, grid.steps, h, prepared.states, cost.size, cost.seconds, turn, phase, swept, *told)
+    return Forecast(words, grid.steps, h, prepared.states, cost.size, cost.seconds, turn, phase, seconds, *told)

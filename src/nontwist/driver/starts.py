@@ -11,13 +11,14 @@ from numpy.typing import ArrayLike
 
 from ..analysis.datasets import as_dataset, recorded
 from ..analysis.trajectory import Trajectory, stretches_from
-from ..errors import SENTENCES, InputWarning, warn
-from ..geometry.arrays import Array, as_array, as_floats, as_number, in_order, vector
+from ..errors import SENTENCES, InputError, InputWarning, warn
+from ..geometry.arrays import LARGEST, Array, as_array, as_floats, as_number, in_order, vector
 from ..geometry.attitudes import attitudes, states_of
-from ..integrators.problem import Stretches
+from ..geometry.values import short_repr
+from ..integrators.ivp import Stretches
 from ..loads import Load
 from ..loads.kinds import load_in_words
-from ..loads.memory import Column, recorded_wheels
+from ..loads.memory_terms import Column, recorded_wheels
 from ..loads.terms import Record
 from ..models.stack import SystemStack, stacked
 from ..models.system import DirectorSystem
@@ -151,6 +152,20 @@ SENTENCES["start-at-rest"] = (
     "start= has times and attitudes, but no velocities: only its last attitude is taken, at rest at t = {time} s; "
     "open_run reads a run with its velocities, and rotation= is an attitude without time"
 )
+OF_ALL = "a table or a function is that of all members, wheel(torque=...)"
+SENTENCES["wheel-torque-type"] = (
+    "wheel_torque must be an array of numbers, a torque in N m for each wheel of each member, got {value}; " + OF_ALL
+)
+SENTENCES["wheel-torque-without-wheels"] = (
+    "wheel_torque= needs wheels in load=: add wheel(axis, inertia) for each torque"
+)
+SENTENCES["wheel-torque-shape"] = (
+    "wheel_torque must have the shape (m, {count}) or ({count},), a number for each wheel of the load in its order, "
+    "got {shape}; " + OF_ALL
+)
+SENTENCES["wheel-torque-not-finite"] = (
+    "wheel_torque{place} = {value}, the torque of a wheel in N m, must be a finite number; 0 adds none"
+)
 
 
 class Starts(NamedTuple):
@@ -166,6 +181,7 @@ class Starts(NamedTuple):
     internal: Array | None = None  # (m, k) internal states of loads with memory
     wheels: tuple[Column, ...] = ()  # whose states are among them
     removed: Array = np.zeros(1)  # (1,) or (m,), rad/s: the part of W along the constrained axis before it was removed
+    wheel_torque: Array | None = None  # (1, w) or (m, w), beside the torques of the load, N m
 
 
 AT_REST = Starts(np.array([[0.0, 0.0, 0.0, 1.0]]), np.zeros((1, 3)))
@@ -184,6 +200,7 @@ def starts(
     t_start: float | None = None,
     many: bool = False,
     load: Load | None = None,
+    wheel_torque: Any = None,
 ) -> Starts:
     """Return checked starts; parameters as in `nontwist.simulate`, of `many` as in `nontwist.simulate_ensemble`.
 
@@ -238,11 +255,14 @@ def starts(
     if factors.ndim > 1:
         raise ValueError(f"load_scale must be a number or have the shape (m,), got {factors.shape}")
     scale, attitudes_name = factors.reshape(-1), "rotation" if start is None else "start"
-    m = _common({"system": len(systems), attitudes_name: len(p), name: len(W), "load_scale": len(scale)})
+    torque = None if wheel_torque is None else _wheel_torques(wheel_torque, len(load.wheels) if load else 0)
+    lengths = {"system": len(systems), attitudes_name: len(p), name: len(W), "load_scale": len(scale)}
+    m = _common(lengths | {"wheel_torque": 1 if torque is None else len(torque)})
     begin = _projected(begin, systems, axis, project, t_start)
     W = np.broadcast_to(begin.velocity, (m, 3))
     N = None if N is None else np.broadcast_to(N, (m, 6))
-    return begin._replace(quaternion=np.broadcast_to(p, (m, 4)), velocity=W, normal=N, load_scale=scale)
+    begin = begin._replace(load_scale=scale, wheel_torque=torque)
+    return begin._replace(quaternion=np.broadcast_to(p, (m, 4)), velocity=W, normal=N)
 
 
 def as_rotation(value: Any, scalar_first: bool | None = None) -> Any:
@@ -286,6 +306,23 @@ def _vectors(value: Any, name: str, many: bool) -> Array:
     if many and (given := as_floats(value, name)).ndim == 2:
         return as_array(given, name, (None, 3))
     return np.array([vector(value, name)], dtype=np.float64)
+
+
+def _wheel_torques(value: Any, count: int) -> Array:
+    """Return a torque for each wheel, (1, w) or (m, w), N m; an InputError for anything else."""
+    try:
+        found = as_floats(value, "wheel_torque")
+    except ValueError:
+        raise InputError("wheel-torque-type", value=short_repr(value)) from None
+    if not count:
+        raise InputError("wheel-torque-without-wheels")
+    if found.ndim not in (1, 2) or found.shape[-1] != count:
+        raise InputError("wheel-torque-shape", shape=found.shape, count=count)
+    bad = np.argwhere(~(abs(found) <= LARGEST))
+    if len(bad):
+        place = tuple(bad[0].tolist())
+        raise InputError("wheel-torque-not-finite", place=list(place), value=f"{found[place]:g}")
+    return found.reshape(-1, count)
 
 
 def _common(lengths: dict[str, int]) -> int:

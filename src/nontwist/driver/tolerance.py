@@ -36,9 +36,9 @@ from ..errors import warn
 from ..geometry.arrays import EPS, Array, distinct
 from ..geometry.values import number_text
 from ..integrators import IVP, Integrator, Status
-from ..integrators.base import Outcome
 from ..integrators.costs import gyration_rate
-from ..integrators.problem import Stretches, stretched
+from ..integrators.integrator import Outcome
+from ..integrators.ivp import Stretches, stretched
 from ..loads import Load
 from . import completion
 from .first_steps import MANY, STEADY, TENTH, First, finer, first_run, first_step, grid_of, order_of
@@ -236,7 +236,8 @@ def moved(begin: Starts) -> Starts:
     turned = x + w * a + y * c - z * b, y + w * b + z * a - x * c, z + w * c + x * b - y * a, w - x * a - y * b - z * c
     W = begin.velocity * (1 + CHANGE * np.array([1, -1, 1]))
     scale = begin.load_scale * (1 + CHANGE)
-    return Starts(np.stack(turned, axis=1), W, None, scale, begin.time, internal=begin.internal, wheels=begin.wheels)
+    own = {name: getattr(begin, name) for name in ("time", "internal", "wheels", "wheel_torque")}
+    return Starts(np.stack(turned, axis=1), W, None, scale, **own)
 
 
 def _within_reach(plan: Plan, floor: float, fastest: float) -> float:

@@ -27,9 +27,9 @@ import numpy as np
 from ..geometry.arrays import Array, as_array
 from ..geometry.attitudes import ENTRIES, attitudes
 from ..geometry.rotations import hat
-from ..integrators.problem import stretched
+from ..integrators.ivp import stretched
 from ..loads import Load
-from ..loads.derivatives import with_parameter
+from ..loads.load_derivatives import with_parameter
 from ..models.spin import Spin
 from ..models.stack import stacked
 from ..models.system import DirectorSystem, euler_inertia

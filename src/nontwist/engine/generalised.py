@@ -27,7 +27,7 @@ are x × d_i and a symmetric rest Σ_j σ_ij d_j, which does no work on rotation
 
 Derivatives. `sloped` evaluates the same text on dual numbers, in directions that lie side by side, in lanes: of
 directors, velocity, time and half turn, of the forces of a table, and of the numbers of the terms. What a function
-adds to them it gives itself, as a second function that returns its derivatives as well (`functions`).
+adds to them it gives itself, as a second function that returns its derivatives as well (`called_functions`).
 """
 
 from __future__ import annotations

@@ -23,7 +23,7 @@ from ..kernels.kernel import part
 from ..kernels.memory import View, call, put, scratch, vector_at
 from ..kernels.vectors import Vector
 from ..loads.functions import MOMENTS
-from ..loads.memory import STATE
+from ..loads.memory_terms import STATE
 from .newton import EPS, Blocks, Scratch
 from .records import Parts
 from .workspace import NAN, internal

@@ -1,6 +1,6 @@
 """What a march reads and writes, declared once: kernels take these records by name, Python packs them.
 
-All numbers of a body are in its frame b and in its units (`bodies`).
+All numbers of a body are in its frame b and in its units (`body_frames`).
 
 Beside them: the offsets of fields in a row, what is written there, and arrays in one piece of memory.
 """

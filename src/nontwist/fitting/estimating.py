@@ -44,11 +44,11 @@ from numpy.typing import NDArray
 from ..geometry.arrays import Array
 from ..geometry.attitudes import BASIS, ENTRIES, LEVI
 from ..geometry.rotations import exp
-from .bodies import TRACELESS, Model, entries, symmetric, unit_vector
 from .measuring import finite_rows
-from .motions import RunawayError
+from .predictions import RunawayError
 from .shooting import WHITE, Lane, Shooting, Stretch, Unknowns, correlation, haste_of
 from .solving import CALLS, PATIENT, Solution, solve
+from .unknowns import TRACELESS, Model, entries, symmetric, unit_vector
 
 WIDTHS = (1.0, 2.0, 4.0)  # of a window, rad
 ROUND = ((1.0, 0.0), (2.0, 0.03), (4.0, 0.03), (2.0, 0.3), (2.0, 0.0), (4.0, 0.0))  # widths; weights of a sphere

@@ -15,15 +15,15 @@ from ..geometry.values import among, short_repr
 from ..recordings.options import ReadOptions
 from ..recordings.reading import Rates
 from ..spec import takes
-from .bodies import Model, as_model, as_orientation
 from .estimating import estimate, is_hopeless
 from .intervals import NoMotionError, Search
 from .measuring import Gyroscope, as_gyroscope, as_readings, plain_gyroscope, speed_of, spun
-from .motions import RunawayError
+from .predictions import RunawayError
 from .result import Fit, Part
 from .shooting import Loss, Shooting, Stretch, noise_of, noise_of_attitudes, require_turning, require_unsaturated
 from .solving import CALLS, PATIENT
 from .telling import beyond_the_wall
+from .unknowns import Model, as_model, as_orientation
 
 KNOWN = 1e-12  # a prior that leaves nothing open; squares of the inverse of a smaller one may overflow
 OUTSIDE = 4.0  # standard errors beyond the flat bodies

@@ -25,13 +25,13 @@ from numpy.typing import NDArray
 
 from ..geometry.arrays import Array
 from ..recordings.reading import Rates
-from .bodies import TRACELESS, G, Model
 from .estimating import FEWEST as PART
 from .estimating import Guess, acting, allowed, balanced, in_lanes, turns, whole_of, windowed
 from .measuring import READINGS, Gyroscope, speed_of
-from .motions import Motion, RunawayError, response
+from .predictions import Motion, RunawayError, Track, responses
 from .shooting import Shooting, Stretch, haste_of, noise_of
 from .solving import Solution, inverse
+from .unknowns import TRACELESS, G, Model
 
 THIN = 0.05  # rad, of the fastest turn
 SEED, SHARE = (2.0, 4.0), 0.2  # rad, least and most, for a free body; of all that it turns
@@ -279,7 +279,7 @@ class Search:
             line, of_speeds = speed.line(sense * self.time[a], times[-1], speed.values), speed.rows[0]
         motion = Motion(model, at.inertia, at.more, sense)
         try:
-            values, D = response(motion, flip * at.starts[0], times - sense * self.time[a], line)
+            ((values, D),) = responses(motion, [Track(flip * at.starts[0], times - sense * self.time[a], line)])
         except RunawayError:
             return 0
         y, by_W, by_gyroscope = self.gyroscope.reads(sense * values[:, :3], None, at.gyroscope)

@@ -53,13 +53,13 @@ from ..geometry.arrays import Array, as_array, as_floats, as_number, as_positive
 from ..geometry.attitudes import hats, without_jumps
 from ..geometry.rotations import dexp, exp
 from ..geometry.values import short_repr
-from ..recordings.attitudes import Motion
 from ..recordings.motions import measured_quaternions, raw_motion
 from ..recordings.options import require_plain
+from ..recordings.orientations import Motion
 from ..recordings.reading import Rates, of_run, read_motion, read_rates, speed_factor
 from ..recordings.table import is_file
-from .bodies import Model, of_keys
-from .motions import Line
+from .predictions import Line
+from .unknowns import Model, of_keys
 
 BIAS, SCALE = slice(0, 3), 3
 PLACES = {"misalignment": slice(4, 7), "axis_scales": slice(7, 10), "delay": slice(10, 11)}

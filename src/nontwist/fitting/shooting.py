@@ -14,7 +14,7 @@ is white.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal, NamedTuple
@@ -23,9 +23,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..geometry.arrays import Array
-from .bodies import Model, entries, symmetric
 from .measuring import Gyroscope, Speed, finite_rows, gaps, triangle
-from .motions import Line, Motion, response
+from .predictions import Line, Motion, Track, responses
+from .unknowns import Model, entries, symmetric
 
 UNIT = 1e-6  # how closely directions have the length 1
 CONSTRAINED = 1e4  # weight of a constraint on W, over that of a sample
@@ -156,18 +156,19 @@ class Shooting:
         last = one.time[min(lane.last, len(one.time) - 1)]
         return one.speed.line(one.time[lane.first], last, x[self.speeds_of(lane.stretch)])
 
-    def motions(self, at: Unknowns) -> Iterator[tuple[Array, Array]]:
-        """Yield states and derivatives of each lane at its samples, and at the start of the next one if it is joined.
+    def motions(self, at: Unknowns) -> list[tuple[Array, Array]]:
+        """Return states and derivatives of each lane at its samples, and at the start of the next one if it is joined.
 
         Those at the samples less a delay follow, where there may be one.
         """
-        motion, delay = Motion(self.model, at.inertia, at.more), self.gyroscope.whole(at.gyroscope)[-1]
+        tracks, delay = [], self.gyroscope.whole(at.gyroscope)[-1]
         for lane, start in zip(self.lanes, at.starts, strict=True):
             t = self.stretches[lane.stretch].time[lane.first : lane.last + lane.joined]
             t = t - t[0]
             if self.gyroscope.is_late:
                 t = np.concatenate([t, t[: lane.last - lane.first] - delay])
-            yield response(motion, start, t, self.line(at.flat, lane))
+            tracks.append(Track(start, t, self.line(at.flat, lane)))
+        return responses(Motion(self.model, at.inertia, at.more), tracks)
 
     def __len__(self) -> int:
         attitudes = [one.quaternions for one in self.stretches if one.quaternions is not None]
@@ -209,17 +210,22 @@ def residuals(problem: Shooting, at: Unknowns) -> Residuals:
     """Return the residuals, and their derivatives by the unknowns."""
     model, d, gyroscope, x = problem.model, problem.model.size, problem.gyroscope, at.flat
     every, (body, common), found = np.arange(problem.columns), problem.ends[1:3], Residuals([], [], [])
-    for k, (lane, (v, D)) in enumerate(zip(problem.lanes, problem.motions(at), strict=True)):
+    motions, row = problem.motions(at), 0
+    if problem.has_gyroscope:
+        late, counts = gyroscope.is_late, [lane.last - lane.first for lane in problem.lanes]
+        seen = [slice(-n, None) if late else slice(n) for n in counts]
+        x_seen = np.concatenate([v[own] for (v, _), own in zip(motions, seen, strict=True)])
+        rates = Motion(model, at.inertia, at.more).rate(x_seen) if late else None
+        y, by_W, by_errors = gyroscope.reads(x_seen[:, :3], rates, at.gyroscope)
+    for k, (lane, (v, D)) in enumerate(zip(problem.lanes, motions, strict=True)):
         stretch, n, start = problem.stretches[lane.stretch], lane.last - lane.first, problem.start_of(k)
         columns = np.concatenate([every[start], every[:body], every[problem.speeds_of(lane.stretch)]])
-        if stretch.has_gyroscope:
-            seen = slice(-n, None) if gyroscope.is_late else slice(n)
-            late = Motion(model, at.inertia, at.more).rate(v[seen]) if gyroscope.is_late else None
-            y, by_W, by_errors = gyroscope.reads(v[seen, :3], late, at.gyroscope)
+        if problem.has_gyroscope:
+            own, row = slice(row, row + n), row + n
             A = np.empty((n, 3, len(columns) + problem.common))  # the largest of all: no copies
-            np.matmul(by_W / -problem.noise, D[seen, :3], out=A[:, :, : len(columns)])
-            A[:, :, len(columns) :] = by_errors / -problem.noise
-            r = (stretch.rates[lane.first : lane.last] - y).ravel() / problem.noise
+            np.matmul(by_W / -problem.noise, D[seen[k], :3], out=A[:, :, : len(columns)])
+            A[:, :, len(columns) :] = by_errors[own] / -problem.noise
+            r = (problem.data[own] - y[own]).ravel() / problem.noise
             found.rates.append(Rows(r, A.reshape(3 * n, -1), np.concatenate([columns, every[body:common]])))
         if stretch.quaternions is not None:
             recorded = stretch.quaternions[lane.first : lane.last]

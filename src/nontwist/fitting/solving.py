@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 
 from ..geometry.arrays import Array
-from .motions import RunawayError
+from .predictions import RunawayError
 from .shooting import Residuals, Rows, Shooting, Unknowns, lengths, residuals, stacked
 from .slow_noise import SlowNoise, noise_of_residuals
 
@@ -264,6 +264,7 @@ def solve(
     accuracy: float = FINE,
     calls: int = CALLS,
     fixed_inertia: bool = False,
+    enough: float = -np.inf,
 ) -> Solution:
     """Return the least-squares solution from a start.
 
@@ -283,6 +284,8 @@ def solve(
         Trials at most.
     fixed_inertia : bool
         All but the inertia is fitted.
+    enough : float
+        A cost: no trials follow one of less.
 
     Raises
     ------
@@ -332,6 +335,8 @@ def solve(
             A[:, one] = (A[:, one] - np.outer(A[:, one] @ n, n)) / size
             row[one] = np.linalg.norm(A[:, one]) * n
         last = x.copy(), np.append(r, np.zeros(len(directions))), np.append(A, lengthwise, axis=0)
+        if r @ r < 2 * enough:
+            raise StopIteration
         return last[1:]
 
     x = np.concatenate([model.cholesky(start.inertia, start.more), start.flat[6:]])
@@ -339,6 +344,10 @@ def solve(
     # so these may be the rows of a triangle, another one at each point. It needs no BLAS, whose threads take ten times
     # as long on a busy machine.
     how = {"method": "lm", "x_scale": "jac", "max_nfev": calls, "ftol": accuracy, "xtol": accuracy}
-    found = least_squares(lambda x: at(x)[0], x, jac=lambda x: at(x)[1], **how)
-    best, _ = unknowns(found.x)
-    return Solution(problem, best, float(found.cost), residuals(problem, best), found.status > 0)
+    try:
+        found = least_squares(lambda x: at(x)[0], x, jac=lambda x: at(x)[1], **how)
+        x, cost, is_settled = found.x, found.cost, found.status > 0
+    except StopIteration:
+        x, cost, is_settled = last[0], last[1] @ last[1] / 2, False
+    best, _ = unknowns(x)
+    return Solution(problem, best, float(cost), residuals(problem, best), is_settled)

@@ -22,10 +22,10 @@ import numpy as np
 
 from ..geometry.arrays import Array
 from ..geometry.attitudes import BASIS, ENTRIES
-from .bodies import TWICE, entries, symmetric
 from .estimating import INSIDE
-from .motions import RunawayError
+from .predictions import RunawayError
 from .solving import Solution, solve
+from .unknowns import TWICE, entries, symmetric
 
 UNTOLD = 0.05  # of the trace: a direction with a larger standard error is not told
 SINGULAR = 1e-12  # of the largest information: none
@@ -97,7 +97,9 @@ class Told:
 
 
 def told(solution: Solution, white: bool = False) -> Told:
-    """Return what the data tell, direction by direction; if noise is taken for white, correlated residuals tell more.
+    """Return what the data tell, direction by direction.
+
+    If noise is taken for white, correlated residuals tell more, and the first direction that is not told ends it.
 
     Where a direction is not told the linear problem at the solution is not to be trusted: the noise has chosen the
     place, and some other direction may look told there alone. So the inertia is moved along each that looks told, as
@@ -111,8 +113,10 @@ def told(solution: Solution, white: bool = False) -> Told:
     if not (values[-1] * UNTOLD**2 > 1 and smallest > THIN):
         wide = quantile(solution, always=True)
         for k, w in enumerate(vectors.T):
-            if values[k] * UNTOLD**2 > 1 and any(rise < wide for rise in _rises_along(solution, w)):
+            if values[k] * UNTOLD**2 > 1 and any(rise < wide for rise in _rises_along(solution, w, wide)):
                 values[k] = 0.0
+                if white:
+                    break
     order = np.argsort(-values, kind="stable")
     return Told(values[order], vectors[:, order], solution.problem.model.idle)
 
@@ -122,14 +126,15 @@ def _rise(solution: Solution, found: Solution) -> float:
     return float(np.sqrt(max(2 * (found.cost - solution.cost), 0.0) / solution.inflation))
 
 
-def _rises_along(solution: Solution, w: Array) -> Iterator[float]:
-    """Yield the rise of the cost where the inertia is moved along w, to each side."""
+def _rises_along(solution: Solution, w: Array, wide: float) -> Iterator[float]:
+    """Yield the rise of the cost where the inertia is moved along w, to each side; if below `wide`, not the least."""
     by, J, at = w * TWICE, solution.unknowns.inertia, solution.unknowns
+    enough = solution.cost + wide**2 / 2 * solution.inflation
     for change in (-UNTOLD, UNTOLD):
         start = replace(at, inertia=solution.problem.model.nearest(J + change * symmetric(w), at.more))
         held = (lambda J: (float(by @ entries(J)), by)), float(by @ entries(J)) + change
         try:
-            found = solve(solution.problem, start, held=held, calls=30)
+            found = solve(solution.problem, start, held=held, calls=30, enough=enough)
         except RunawayError:
             continue
         moved = found.unknowns.inertia - J

@@ -4,13 +4,13 @@ from ..errors import SimulationError as SimulationError
 from ..errors import SimulationInterrupt as SimulationInterrupt
 from ..errors import Status as Status
 from ..geometry.values import Registry, public
-from .base import IVP as IVP
-from .base import Integrator as Integrator
-from .base import unregistrable
 from .continuous import Continuous
 from .energy_momentum import EnergyMomentum
 from .exact_solution import Exact
 from .gauss import Gauss
+from .integrator import IVP as IVP
+from .integrator import Integrator as Integrator
+from .integrator import unregistrable
 from .lie_midpoint import LieMidpoint
 from .split import Split
 

@@ -28,7 +28,7 @@ from ..geometry.arrays import Array, as_number
 from ..geometry.attitudes import States
 from ..geometry.values import among
 from ..loads import Load
-from .base import IVP, Integrator, Outcome
+from .integrator import IVP, Integrator, Outcome
 
 ONCE, MIDDLE = np.ones(1), np.full(1, 0.5)
 
@@ -94,7 +94,7 @@ class Compiled(Integrator):
 
     def march(self, problem: IVP, threads: int = 1) -> Outcome:
         """Integrate all members, in lanes where there are many."""
-        from .marching import march
+        from .marched_stacks import march
 
         self.require(problem)
         return march(problem, threads, self)
@@ -114,7 +114,7 @@ class Compiled(Integrator):
 
     def prepared(self, problem: IVP) -> Any:
         """Return the march of a problem of one body laid out once, for any start."""
-        from .marching import PreparedMarch, dense_of
+        from .marched_stacks import PreparedMarch, dense_of
         from .stack_march import StackMarch
 
         self.require(problem)

@@ -23,13 +23,13 @@ import numpy as np
 from ..geometry.arrays import Array, as_number
 from ..geometry.values import among, short_repr
 from ..loads import Load
-from ..loads.base import forces_at, moment_at
+from ..loads.load import forces_at, moment_at
 from ..loads.potentials import DirectorForces
 from ..loads.terms import Damping
 from ..models.equations import NO_FORCES, director_rates, hat, products, split_momentum, split_rates, split_velocity
 from ..models.system import DirectorSystem
-from .base import BEYOND_JUMPS, IVP, Failure, Integrator, March, Status
 from .costs import Cost, damping_rate, largest_velocity
+from .integrator import BEYOND_JUMPS, IVP, Failure, Integrator, March, Status
 
 MOST = 1e6  # steps of the solver in a run, half an hour
 CHECK_EVERY, PATIENCE = 1000, 1e5  # steps between checks of progress, 4 times as often for Radau; of a fast start
@@ -39,8 +39,10 @@ TURNED = 6  # integrals of W and of t W, for the work of motors
 DIVERGED = 1e3  # component of a director
 STATE_NS, STEP_NS, STARTS = 100_000, 2_000_000, 2  # of an output, of a step of the solver; steps of its start
 SMALLEST = 1e-292  # tolerance: where it and the value are 0, SciPy's first step is NaN, which it shortens for ever
-DAMPED = "the body turns or is damped too fast"
-TOO_FAST = "SciPy's {} would need more than {:g} steps, after {} it has come {:.1e} s far: " + DAMPED
+TOO_FAST = (
+    "SciPy's {} would need more than {:g} steps, after {} it has come {:.1e} s far: the body turns or is damped too "
+    "fast"
+)
 JUMPS = (
     "SciPy's {} is stuck at t = {:.9g} s, in steps of about {:.0e} s, as moments jump with the state there, one of "
     "them from {:.4g} to {:.4g} N m; " + BEYOND_JUMPS
@@ -149,7 +151,7 @@ class Continuous(Integrator):
                 steps += 1
                 expected = steps * min(1, steps / PATIENCE) * (b - a)  # steps to b at the pace so far, times t - a
                 if next(taken) > MOST or (steps % every == 0 and expected > MOST * (solver.t - a)):
-                    return failure_of(Status.SOLVER, TOO_FAST.format(self.method, MOST, steps, solver.t - a))
+                    return failure_of(Status.TOO_MANY, TOO_FAST.format(self.method, MOST, steps, solver.t - a))
                 if steps % BLOCK == 0 and self.method in STABLE and problem.load.depends_on_state:
                     if reason := self._stuck(solver, (solver.t - mark) / BLOCK, slice(size, size + 3)):
                         return failure_of(Status.JUMP, reason)

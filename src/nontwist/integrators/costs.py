@@ -13,15 +13,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..engine.bodies import bases_of, frames
+from ..engine.body_frames import bases_of, frames
 from ..geometry.arrays import Array
 from ..geometry.attitudes import directors
 from ..loads import Load
-from ..loads.base import forces_sampled, state_moment_at
-from ..loads.memory import Memory
+from ..loads.load import forces_sampled, state_moment_at
+from ..loads.memory_terms import Memory
 from ..loads.terms import Function, Sine
 from ..models.stack import SystemStack
-from .problem import IVP
+from .ivp import IVP
 
 ONE, ZERO = np.ones(1), np.zeros(3)
 VARIES = 1.1  # the range of V over that of the attitudes that are tried

@@ -20,8 +20,8 @@ from ..kernels import machine_code
 from ..loads import Load
 from .compiled import Compiled
 from .expansion import LARGEST_MISMATCH, RUN, output_kernel
-from .marching import PreparedMarch, intervals_in, states_in
-from .problem import IVP, Outputs
+from .ivp import IVP, Outputs
+from .marched_stacks import PreparedMarch, intervals_in, states_in
 from .stack_march import StackMarch, march_of
 from .stepping import PerThread
 

@@ -114,8 +114,8 @@ from ..kernels.elements import fma, larger, select, sqrt
 from ..kernels.kernel import part
 from ..kernels.vectors import Matrix, Symmetric, Vector, cross, first_moment, sum_of, taxicab
 from ..models.system import TRIANGLE
-from .base import IVP, SPIN
 from .compiled import Dissipative, Needs
+from .integrator import IVP, SPIN
 
 MOMENTS = ("paper", "exact")
 INDEFINITE = (

@@ -20,7 +20,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from ..engine.bodies import bases_of
+from ..engine.body_frames import bases_of
 from ..exact import nontwisting_body
 from ..exact.free_bodies import TOO_FAR, free_members, rotations_about
 from ..exact.free_constants import OK
@@ -28,12 +28,12 @@ from ..exact.gyrostats import gyrostat_motion
 from ..geometry.arrays import Array, cross, sum_of_squares
 from ..geometry.attitudes import States, attitudes, director_velocities, quaternion_product, without_jumps
 from ..loads import Load
-from ..loads.base import tables_as_moments
+from ..loads.load import tables_as_moments
 from ..models.stack import SystemStack, is_principal
 from ..models.system import DirectorSystem
-from .base import Integrator
 from .costs import Cost
-from .problem import IVP, Intervals, March, Outcome, empty_outcome
+from .integrator import Integrator
+from .ivp import IVP, Intervals, March, Outcome, empty_outcome
 from .stepping import PerThread, in_threads, one_by_one, outcome_of, progress
 
 BLOCK = 4096  # members, or pieces of a load

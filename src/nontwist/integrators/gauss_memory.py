@@ -32,7 +32,7 @@ from ..kernels.elements import fma, larger, select
 from ..kernels.memory import View, call, put, scratch, size_of, vector_at
 from ..kernels.vectors import Matrix, Vector
 from ..loads.functions import MOMENTS
-from ..loads.memory import STATE
+from ..loads.memory_terms import STATE
 from .gauss_coefficients import TABLE, WIDTH
 from .gauss_stages import INFINITE, OVERFLOW, Stage, Stages
 

@@ -20,8 +20,8 @@ of the step.
 In such a stretch the march carries the state in which the stretch began; the states that are stored in it are evaluated
 from there, and so is the state at its end. So what a stretch gives does not depend on where the march pauses.
 
-**Wheels** (`loads.memory`). Every scheme integrates bodies with wheels as gyrostats, where h is known beforehand. A
-problem with wheels becomes that of what carries them, of inertia J_c, with rotors of momentum h, or loads with memory
+**Wheels** (`loads.memory_terms`). Every scheme integrates bodies with wheels as gyrostats, where h is known beforehand.
+A problem with wheels becomes that of what carries them, of inertia J_c, with rotors of momentum h, or loads with memory
 h. Its constraints and their multipliers are the same. What is said of its intervals becomes again what is said of the
 body with its wheels locked, of momentum J W = J_c W + z, z = Σ I (n·W) n, and energy ½ W·J W = ½ W·J_c W + ½ W·z: the
 mean moment of the load has beside that on the carrier the change of Λz, its work that of ½ W·z.
@@ -42,21 +42,21 @@ import numpy as np
 from numpy.polynomial.legendre import leggauss, legvander
 from numpy.typing import NDArray
 
-from ..engine.bodies import body_rows, hinged_of
+from ..engine.body_frames import body_rows, hinged_of
 from ..engine.generalised import EXACT, STAGE
 from ..engine.records import BODY, FORCES, Parts
 from ..geometry.arrays import Array, dot
 from ..geometry.attitudes import States, attitudes
 from ..kernels.kernel import address_of
 from ..loads import Load
-from ..loads.base import forces_sampled, tables_as_moments
-from ..loads.memory import Driven, Wheel
+from ..loads.load import forces_sampled, tables_as_moments
+from ..loads.memory_terms import Driven, Wheel
 from ..loads.potentials import ForceTable, GravityGradient
 from ..loads.terms import Damping
 from ..models.stack import SystemStack, is_principal, stacked
 from ..models.system import DirectorSystem, euler_inertia
 from .compiled import Compiled
-from .problem import IVP, Outcome
+from .ivp import IVP, Outcome
 
 Ends = tuple[Array, Array, Array]
 

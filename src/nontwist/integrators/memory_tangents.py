@@ -1,6 +1,6 @@
 """Derivatives of steps under loads with memory: the variational equation, collocated at the known stages.
 
-With R the rows of Λ, z the momenta h of wheels and the internal states of other loads (`loads.memory`),
+With R the rows of Λ, z the momenta h of wheels and the internal states of other loads (`loads.memory_terms`),
 and Q the inverse of the carrier's inertia, across a constrained axis, the equations of `gauss` are x' = G(t, x, u):
 
     R' = R Ŵ,        W' = Q ((J_c W + Σ h n) × W + M(t, R, W, z) - Σ h' n),        z' = f(t, R, W, z),
@@ -33,17 +33,17 @@ from ..geometry.attitudes import States, attitudes
 from ..kernels.dual import Dual, plain
 from ..kernels.vectors import Matrix, Vector, cross, first_moment
 from ..loads import Load
-from ..loads.base import tables_as_moments
-from ..loads.derivatives import tangents_of
 from ..loads.functions import MOMENTS, differentiated
-from ..loads.memory import Memory, Wheel
+from ..loads.load import tables_as_moments
+from ..loads.load_derivatives import tangents_of
+from ..loads.memory_terms import Memory, Wheel
 from ..loads.terms import Damping, OfTime, Rotor
 from .compiled import Compiled
 from .gauss_coefficients import matrix, nodes, weights
 from .gauss_stages import pulled_back
-from .linearised import ranged, unsolved_step
+from .ivp import IVP
+from .linearised_runs import ranged, unsolved_step
 from .load_samples import as_marched, at_nodes, carrier, wheel_columns
-from .problem import IVP
 
 AXES, NO_MATRIX = np.eye(3), Matrix(*([0.0] * 3,) * 3)
 MOST = 2**20  # numbers of the matrices that are made at a time

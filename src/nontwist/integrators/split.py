@@ -78,10 +78,10 @@ from ..kernels.elements import larger, logical_not, real, select, smaller, witho
 from ..kernels.memory import View, scratch
 from ..kernels.vectors import Matrix, Vector, attitude, compensated, cross, first_moment, inverse_of, sum_of, taxicab
 from ..models.stack import is_principal, transverse_momentum
-from .base import IVP, SPIN
 from .compiled import ONCE, Compiled
 from .costs import Cost, steps_cost
 from .gauss_coefficients import nodes as gauss_nodes
+from .integrator import IVP, SPIN
 from .load_samples import Unloaded, coefficients, integrals
 
 _SUZUKI = 1 / (4 - 4 ** (1 / 3))

@@ -19,8 +19,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..engine.bodies import power_of_two
-from ..engine.functions import StateFunctions
+from ..engine.body_frames import power_of_two
+from ..engine.called_functions import StateFunctions
 from ..engine.marching import Text, march_kernel
 from ..engine.records import (
     BLOCK,
@@ -41,8 +41,8 @@ from ..geometry.arrays import Array, aligned, distinct
 from ..kernels import machine_code
 from ..kernels.kernel import Kernel
 from .compiled import Compiled
+from .ivp import IVP, Failure, Outputs, Status
 from .load_samples import NOTHING, Samples, Unloaded, addresses, as_marched, march_parts, orbit_of, sampled
-from .problem import IVP, Failure, Outputs, Status
 from .stepping import in_threads, progress
 
 NODES, CALLED_NODES = 2**17, 2**8  # that are sampled and marched at a time; where functions in Python are called
@@ -369,7 +369,7 @@ def march_of(stack: IVP, scheme: Compiled) -> StackMarch:
     """Return the march of a stack, on a GPU where that is asked for."""
     if not stack.on_gpu:
         return StackMarch(stack, scheme)
-    from .gpu import GpuMarch
+    from .gpu_stack import GpuMarch
 
     return GpuMarch(stack, scheme)
 

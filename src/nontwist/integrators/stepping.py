@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from ..geometry.arrays import Array
 from ..geometry.attitudes import States, states_of, without_jumps
-from .problem import IVP, Failure, Intervals, March, Outcome, Outputs, Status, started
+from .ivp import IVP, Failure, Intervals, March, Outcome, Outputs, Status, started
 
 BLOCK = 16
 

@@ -19,7 +19,7 @@ from ..geometry.attitudes import BASIS, ENTRIES, States
 from ..kernels import machine_code
 from ..kernels.kernel import address_of
 from ..kernels.memory import size_of
-from .linearised import LONGEST, Chunk, Entries, EntriesOf, Linearised, StepMask, StepNodes, Workspace, ranged
+from .linearised_runs import LONGEST, Chunk, Entries, EntriesOf, Linearised, StepMask, StepNodes, Workspace, ranged
 from .stepping import PerThread
 
 TOGETHER = 32, 4, 1  # steps between two times at which changes are made orthonormal

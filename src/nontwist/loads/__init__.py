@@ -1,6 +1,5 @@
 """Loads as data: external moments, forces on directors, potentials."""
 
-from .base import Load, as_load
 from .catalogue import (
     body_moment,
     constant,
@@ -17,7 +16,8 @@ from .catalogue import (
 )
 from .conservative import dipole, gravity_gradient, potential, spring
 from .kinds import LOADS
-from .memory import Memory
+from .load import Load, as_load
+from .memory_terms import Memory
 from .potentials import DirectorForces, Potential
 from .terms import Term
 

@@ -10,11 +10,11 @@ from numpy.typing import ArrayLike
 
 from ..geometry.arrays import Array, as_array, as_floats, as_tensor, increasing
 from ..geometry.values import as_function, as_list, hinted, short_repr
-from .base import Load
 from .friction import DryFriction
 from .functions import as_c_function, is_c_function
 from .kinds import made, of_function
-from .memory import MemoryFunction, Wheel
+from .load import Load
+from .memory_terms import MemoryFunction, Wheel
 from .potentials import ForceFunction, ForceTable
 from .terms import EVER, Damping, Function, Moment, Pulse, Rotor, Sine, Table
 

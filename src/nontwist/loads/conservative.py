@@ -9,8 +9,8 @@ from numpy.typing import ArrayLike
 
 from ..geometry.arrays import Array, as_array, as_floats, as_number
 from ..geometry.values import as_function, short_repr
-from .base import Load
 from .kinds import made, of_function
+from .load import Load
 from .potentials import MOST_VECTORS, GravityGradient, PotentialFunction, Quadratic, Spring
 
 # Of a central difference, over |γ|; of its error; states that are tried.

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Any
 from ..geometry.arrays import as_array
 from ..geometry.values import Registry, as_list, short_repr
 from .friction import DryFriction
-from .memory import MemoryFunction, Wheel
+from .memory_terms import MemoryFunction, Wheel
 from .potentials import ForceFunction, ForceTable, GravityGradient, PotentialFunction, Quadratic, Spring
 from .terms import Damping, Function, Pulse, Record, Rotor, Sine, Table, Term, own_fields
 
 if TYPE_CHECKING:
-    from .base import Load
+    from .load import Load
 
 MADE = ("constant", "csv", "dipole")  # kinds of run files that are made of others
 
@@ -79,7 +79,7 @@ def load_of(records: Iterable[Record]) -> Load:
         A term is a function, which a record names and does not hold; or the record is damaged, or of a class whose
         module is not imported.
     """
-    from .base import Load
+    from .load import Load
 
     found = list[Term]()
     for record in records:

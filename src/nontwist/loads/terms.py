@@ -28,7 +28,7 @@ from ..units import in_datasets
 from .functions import Call, array, checked, name_of, slopes_function, state, term_function
 
 if TYPE_CHECKING:
-    from .base import Load
+    from .load import Load
 
 XYZ, BODY = ("x", "y", "z"), ("1", "2", "3")
 MOST_NUMBERS = 24  # of a term whose text of the state is differentiated by them
@@ -95,7 +95,7 @@ class Term(ABC):
     @property
     def load(self) -> Load:
         """The term as a load."""
-        from .base import Load
+        from .load import Load
 
         return Load((self,))
 

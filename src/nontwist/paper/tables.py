@@ -36,7 +36,7 @@ from ..analysis.statistics import second_quotient
 from ..driver.notices import COARSE_STEP
 from ..driver.runs import simulate
 from ..geometry.values import among, as_function, as_list, as_path, short_repr
-from ..io.results import save_run
+from ..io.run_files import save_run
 from ..io.whole import require_free, written
 from ..loads import Load, pulse
 from ..models.bodies import nontwisting

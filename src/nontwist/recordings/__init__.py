@@ -2,8 +2,8 @@
 
 - A reader of `formats` or `text` finds `Content`: a `Table` of columns by header, attitudes of bodies, or both.
 - The rows of one sensor are kept; `headers` tells which columns hold what, `times` the `Clock`.
-- `attitudes` makes a `Reading` of each way to read an orientation; `checks` compares them with the `Evidence` beside;
-  rows that are missing are found: a `Motion`. `reading` does likewise for angular velocities: `Rates`.
+- `orientations` makes a `Reading` of each way to read an orientation; `conventions` compares them with the `Evidence`
+  beside; rows that are missing are found: a `Motion`. `reading` does likewise for angular velocities: `Rates`.
 - `motions` takes a motion of any form, and cleans it: `Samples`.
 - `relative` brings two to one clock and to the axes of their segments.
 - `twisting` measures the twist and its errors, `counting` counts it live.

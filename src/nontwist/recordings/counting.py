@@ -13,9 +13,9 @@ from ..geometry.arrays import Array, as_array
 from ..geometry.frames import triad_about
 from ..geometry.path_kernels import SIZE, count
 from ..geometry.values import among, short_repr
-from .attitudes import MEASURED
 from .motions import as_rotation, raw_motion
 from .options import ReadOptions
+from .orientations import MEASURED
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation

@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from ..errors import InputError, InputWarning, Option
 from ..geometry.arrays import Array, as_floats, in_order
 from ..geometry.values import counted
-from .attitudes import MEASURED, Motion, of_table
-from .checks import as_turns
+from .conventions import as_turns
 from .options import ReadOptions
+from .orientations import MEASURED, Motion, of_table
 from .table import Lines, of_frame, place
 from .times import seconds
 

@@ -14,16 +14,16 @@ from ..analysis.variables import Described, assembled, labelled
 from ..errors import InputError, InputWarning
 from ..geometry.arrays import Array, as_floats, in_order
 from ..geometry.values import short_repr
-from ..io.results import open_run
+from ..io.run_files import open_run
 from ..io.whole import free_memory, require_regular
 from ..spec import takes
 from ..units import RATE, known
-from .attitudes import Motion, of_bodies, of_table
-from .checks import sensor
+from .conventions import sensor
 from .formats import BEGINNINGS, READERS
 from .headers import ACCELEROMETER, GYROSCOPE, plain, rate_unit, sensors
 from .motions import kept_rows
 from .options import ReadOptions, require_plain
+from .orientations import Motion, of_bodies, of_table
 from .table import Content, Lines, Table, listed, named_columns, of_frame, of_one_sensor, own_rows
 from .text import read_text
 from .times import clock

@@ -61,8 +61,8 @@ from numpy.typing import NDArray
 from ..errors import InputError, InputWarning, Option
 from ..geometry.arrays import Array, sum_of_squares
 from ..geometry.values import counted, number_text
-from .attitudes import Motion
 from .motions import GAP, Samples, samples
+from .orientations import Motion
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation

@@ -11,8 +11,8 @@ from pydantic import Field
 
 from ..geometry.arrays import AXES, Array
 from ..models.bodies import BODIES, with_gravity
-from ..models.inertia import of_cuboid, of_cylinder, of_ellipsoid, of_points, shift
 from ..models.mesh import MassProperties, of_mesh
+from ..models.solids import of_cuboid, of_cylinder, of_ellipsoid, of_points, shift
 from ..models.system import DirectorSystem
 from .files import Fault, Folder, shown
 from .section import AN_AXIS, BY_FORM, Axis, Matrix, OneOf, Positive, Section, Vector, entry, words_of

@@ -39,12 +39,12 @@ from ..models.bodies import standard
 from ..models.spin import as_spin
 from ..models.system import DirectorSystem
 from ..units import in_datasets
+from .basic_tables import AnyEvent, Integrator, Output, Start, Time, options_of
 from .body import Body, SpinTable
 from .files import LARGEST, Fault, Folder, Keys, document, overridden, parsed, shown, toml_text
-from .loads import AnyLoad, LoadSection
+from .load_tables import AnyLoad, LoadSection
 from .section import MOST_PROBLEMS, Faults, Section, entry, found_in, problems_of
 from .sweep_table import Sweep, key_problems, step_problems, table_problems
-from .tables import AnyEvent, Integrator, Output, Start, Time, options_of
 
 
 def posed(file: Any, faults: Faults) -> tuple[Problem, Prepared] | None:
@@ -352,7 +352,9 @@ CAPABLE = f"an integrator that can: {DEFAULT} takes every body and load"
 
 def forecast(run_file: RunFile) -> Forecast:
     """Return what a run will be like; nothing is run."""
-    coming = forecast_of(run_file.prepared, None if run_file.sweep is None else run_file.sweep.members)
+    sweep = run_file.sweep
+    counts = None if sweep is None else (sweep.members, sweep.ensembles(run_file.load))
+    coming = forecast_of(run_file.prepared, counts)
     keys = {
         "integrator": ("integrator.name", run_file.integrator.name, CAPABLE),
         "store": ("time.store", run_file.time.store, Time.model_fields["store"].description or ""),

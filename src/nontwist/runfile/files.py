@@ -399,7 +399,7 @@ T = TypeVar("T")
 
 def _result(path: Path, sha256: str | None) -> tuple[Any, str]:
     from ..errors import ResultFileError
-    from ..io.results import open_run
+    from ..io.run_files import open_run
 
     try:
         run, found = open_run(path), hashlib.sha256(path.read_bytes()).hexdigest()

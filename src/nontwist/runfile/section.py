@@ -108,12 +108,13 @@ class OneOf:
     """Annotation of a word that is a key of `known`, or of a table that has the form of its ``kind`` in `known`.
 
     The dict is read whenever a file is read or the schema is made. `last` joins the last word to the others. If it is
-    `open`, modules may add to it when they are imported.
+    `open`, modules may add to it when they are imported. `default` is the kind of a table without one, if there is one.
     """
 
     known: Mapping[str, Any]
     last: str = ", "
     open: bool = False
+    default: str = ""
 
     @property
     def words(self) -> str:
@@ -127,7 +128,7 @@ class OneOf:
         return word
 
     def _table(self, value: Any) -> Section:
-        if (kind := _kind_of(value)) not in self.known:
+        if (kind := self._kind_of(value)) not in self.known:
             raise PydanticCustomError("kind", "{words}", {"words": f"one of {self.words}"})
         table: Section = self.known[kind].model_validate(value)
         return table
@@ -142,12 +143,11 @@ class OneOf:
         if schema["type"] == "function-after":
             return {"description": self.words, "enum": list(self.known), "type": "string"}
         choices: dict[Any, Any] = {kind: form.__pydantic_core_schema__ for kind, form in self.known.items()}
-        return handler(core_schema.tagged_union_schema(choices, _kind_of))
+        return handler(core_schema.tagged_union_schema(choices, self._kind_of))
 
-
-def _kind_of(value: Any) -> str:
-    kind = value.get("kind") if isinstance(value, dict) else getattr(value, "kind", None)
-    return kind if isinstance(kind, str) else ""
+    def _kind_of(self, value: Any) -> str:
+        kind = value.get("kind", self.default) if isinstance(value, dict) else getattr(value, "kind", None)
+        return kind if isinstance(kind, str) else ""
 
 
 class ByForm:

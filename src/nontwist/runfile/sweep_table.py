@@ -14,7 +14,7 @@ import math
 import re
 from abc import abstractmethod
 from collections import ChainMap
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from itertools import combinations, islice
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
@@ -32,6 +32,7 @@ from .section import BY_FORM, Faults, OneOf, Positive, Section, entry
 
 if TYPE_CHECKING:
     from ..driver.single_run import Prepared
+    from .load_tables import LoadSection
 
 KEPT = (*NODES, *ROTORS, *WHEELS)
 MOST_KEYS, MOST_VALUES = 100, 10_000_000
@@ -111,7 +112,7 @@ class Grid(Listed):
 class Values(Listed):
     """The values themselves."""
 
-    kind: Literal["list"]
+    kind: Literal["list"] = "list"
     values: Annotated[list[float] | list[list[float]] | list[list[list[float]]], BY_FORM] = entry(
         "a list of numbers, or a list of lists of the form that the key has"
     )
@@ -216,7 +217,7 @@ KINDS: dict[str, type[Over]] = {
     "sphere": Sphere,
     "rotation": Attitudes,
 }
-AnyOver = Annotated[Over, OneOf(KINDS)]
+AnyOver = Annotated[Over, OneOf(KINDS, default="list")]
 
 Reduction = Annotated[str, OneOf(dict.fromkeys(STATISTICS))]
 Variable = Annotated[str, OneOf(ChainMap(OBSERVABLES, dict.fromkeys(KEPT)))]
@@ -230,7 +231,7 @@ class Sweep(Section):
     """Many runs of the file, each with numbers of its own; what is kept is the state at t_end."""
 
     over: list[AnyOver] = entry(
-        f"tables [[sweep.over]], in double brackets, 1 to {MOST_KEYS}, each with a key and a kind",
+        f'tables [[sweep.over]], in double brackets, 1 to {MOST_KEYS}, each with a key and a kind, "list" by default',
         min_length=1,
         max_length=MOST_KEYS,
     )
@@ -265,6 +266,19 @@ class Sweep(Section):
     def members(self) -> int:
         """How many runs there are."""
         return math.prod(self.shape) * self.samples
+
+    def ensembles(self, loads: Sequence[LoadSection]) -> int:
+        """Return how many ensembles the members form beside these loads: one for each value of other keys."""
+        apart = [one for one in self.over if not is_axis(one.key, loads)]
+        lengths = [one.length if isinstance(one, Listed) else self.members for one in apart]
+        return min(math.prod(set(lengths) if self.combine == "together" else lengths), self.members)
+
+
+def is_axis(key: str, loads: Sequence[LoadSection]) -> bool:
+    """Whether members may differ in this key within one ensemble."""
+    if key == "load.0.scale":
+        return len(loads) == 1 and loads[0].is_swept
+    return key.startswith(("start.rotation", "start.angular_velocity.", "body."))
 
 
 # What a table `[sweep]` may not hold though each of its values is of the right form.

@@ -28,7 +28,7 @@ from ..spec import specs
 from .body import Body
 from .document import checked
 from .files import Folder, plain
-from .loads import Tables, keys_of
+from .load_tables import Tables, keys_of
 
 if TYPE_CHECKING:
     from .document import RunFile

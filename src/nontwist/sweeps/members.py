@@ -36,7 +36,7 @@ from ..driver.starts import starts
 from ..errors import RunFileError
 from ..geometry.arrays import UNIT, Array, as_direction, norm
 from ..integrators import IVP, Integrator
-from ..integrators.problem import COLUMNS, stretched
+from ..integrators.ivp import COLUMNS, stretched
 from ..models.bodies import BODIES, many_euler
 from ..models.stack import SystemStack, doubtful
 from ..models.system import DirectorSystem
@@ -44,9 +44,9 @@ from ..runfile import RunFile
 from ..runfile.body import Body
 from ..runfile.document import checked, with_loads
 from ..runfile.files import Fault, Folder, shown
-from ..runfile.loads import AnyLoad
+from ..runfile.load_tables import AnyLoad
 from ..runfile.section import in_toml, problems_of
-from ..runfile.sweep_table import Drawn, Sweep
+from ..runfile.sweep_table import Drawn, Sweep, is_axis
 from ..units import RATE
 
 Values = dict[str, Array]
@@ -310,7 +310,7 @@ class Members:
         m = len(next(iter(values.values())))
         arrays = {name: np.full((m, *shape), np.nan) for name, shape in self.shapes.items()}
         results = Results(arrays, np.zeros(m, np.int8), {})
-        inner = {key: array for key, array in values.items() if self.is_axis(key)}
+        inner = {key: array for key, array in values.items() if is_axis(key, self.file.load)}
         outer = {key: array for key, array in values.items() if key not in inner}
         rows = np.concatenate([np.empty((m, 0)), *(array.reshape(m, -1) for array in outer.values())], axis=1)
         _, firsts, group = np.unique(rows, axis=0, return_index=True, return_inverse=True)
@@ -332,12 +332,6 @@ class Members:
         if all(key.startswith("load.") for key in numbers):
             return with_loads(self.file, LOADS.validate_python(data["load"]))
         return checked("member", data, self.folder)
-
-    def is_axis(self, key: str) -> bool:
-        """Whether members may differ in this key within one ensemble."""
-        if key == "load.0.scale":
-            return len(self.file.load) == 1 and self.file.load[0].is_swept
-        return key.startswith(("start.rotation", "start.angular_velocity.", "body."))
 
     def _run(self, file: RunFile, places: NDArray[np.int64], inner: Values, results: Results) -> None:
         """Integrate members of one file, without those that are refused, which are found by bisection if not named."""

@@ -37,7 +37,7 @@ from ..runfile.document import checked, forecast
 from ..runfile.files import Folder, bounded, parsed, plain
 from ..runfile.writing import file_of
 from .members import REFUSED, Members, spread
-from .reading import dataset
+from .opening import dataset
 from .store import Done, SweepStore, create, open_store
 from .workers import Progress, Workers, bar, open_workers
 
@@ -234,7 +234,7 @@ def as_file(given: Any, over: Mapping[str, Any] | None, table: Mapping[str, Any]
             raise ValueError(f"{key}: of this body a force is known, no mass; make it by heavy_top or with_gravity")
         if isinstance(one, Mapping) and "key" in one:
             raise ValueError(f"over[{short_repr(key)}] has a key of its own, {short_repr(one['key'])}; leave it out")
-    each = {key: one if isinstance(one, Mapping) else {"kind": "list", "values": one} for key, one in over.items()}
+    each = {key: one if isinstance(one, Mapping) else {"values": one} for key, one in over.items()}
     rows = [{"key": key, **{name: plain(value) for name, value in one.items()}} for key, one in each.items()]
     varied = bounded({"over": rows, **{name: plain(value) for name, value in table.items()}})
     return checked("over=", parsed("over=", whole.text(sweep=False)) | {"sweep": varied}, Folder(whole.folder))

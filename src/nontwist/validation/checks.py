@@ -30,9 +30,9 @@ KINDS: dict[Kind, str] = {
 
 # The module of each group: its `CHECKS` are plain functions that yield checks, its docstring says what is compared.
 GROUPS = {
-    "paper": "equations",
-    "equations": "equations",
-    "geometry": "frames",
+    "paper": "motion_equations",
+    "equations": "motion_equations",
+    "geometry": "frame_checks",
     "free": "closed_forms",
     "loaded": "loaded_bodies",
     "suslov": "closed_forms",
@@ -41,8 +41,8 @@ GROUPS = {
     "invariants": "conserved",
     "nonreversible": "orders",
     "compiled": "compiled_steps",
-    "frames": "frames",
-    "twist": "frames",
+    "frames": "frame_checks",
+    "twist": "frame_checks",
 }
 OF_ALL_BODIES = ("equations", "orders", "invariants", "compiled")  # groups that check bodies of every kind
 

@@ -54,7 +54,7 @@ from ..fitting.telling import quantile
 from ..geometry import rotations
 from ..geometry.arrays import Array
 from ..integrators import Split
-from ..io.results import with_euler
+from ..io.run_files import with_euler
 from ..loads import rotor, wheel
 from ..models.bodies import TILTED, heavy_top, nontwisting, standard, with_gravity
 from .checks import Check

@@ -58,10 +58,10 @@ import numpy as np
 
 from ..driver.runs import integrate
 from ..geometry.arrays import Array, cross
-from ..integrators.base import IVP, Integrator, March
+from ..integrators.integrator import IVP, Integrator, March
 from ..integrators.stepping import Step, march
 from ..loads import body_moment, damping, space_moment
-from ..loads.base import Load, forces_at, state_moment_at
+from ..loads.load import Load, forces_at, state_moment_at
 from ..loads.potentials import DirectorForces
 from ..models.equations import constraint_matrices
 from ..models.system import DirectorSystem

@@ -40,7 +40,7 @@ from .problems import FINE, KICK, PAPER_J, SAMPLES, Arguments, attitude, error, 
 BODY = SAMPLES["nontwisting"]
 ELLIPSE = "nontwist.loads.potentials"
 FRICTION, BEARING, OIL = "nontwist.driver.rubbing", "nontwist.driver.contacts", "nontwist.driver.grid"
-LAG = "nontwist.loads.memory"
+LAG = "nontwist.loads.memory_terms"
 RED, TRIANGLE, SPLIT = "eq-nonholonomic-red", "eq-loads_time_variation", "eq-nonholonomic"
 
 

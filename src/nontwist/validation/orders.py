@@ -37,7 +37,7 @@ from .checks import Check
 from .problems import KICK, SAMPLES, SCHEMES, SHARP, Arguments, energy, error, order, pushed
 
 TOLERANCE = 0.2
-HIGHEST = 8  # order that shows in these motions; higher ones reach round-off within a few steps (tests/test_gauss.py)
+HIGHEST = 8  # order that shows in these motions; higher ones reach round-off in a few steps (see test_gauss.py)
 # The velocity at the start, the load, and its description; by default the last of these.
 PROBLEMS: dict[str, tuple[tuple[float, float, float], Load, str]] = {
     "nontwisting": ((1, -2, 0), pushed("body"), ", load in the moving frame"),

@@ -35,7 +35,7 @@ from ..geometry.attitudes import quaternions
 from ..geometry.frames import triad_about
 from ..geometry.values import as_list, short_repr, vector_text
 from ..loads.kinds import rotors_of
-from ..loads.memory import recorded_wheels
+from ..loads.memory_terms import recorded_wheels
 from ..models.bodies import BODIES
 from ..models.system import DirectorSystem
 from ..recordings.twisting import twist, twist_of_run

@@ -44,7 +44,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import InputError
-from ...io.results import open_run
+from ...io.run_files import open_run
 from ..motions import raw_motion
 from ..options import ReadOptions
 from ..table import Content, Table, by_name, listed

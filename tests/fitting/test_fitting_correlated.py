@@ -1,0 +1,145 @@
+"""Intervals where the residuals are correlated: simulated throws whose noise goes on for a part of the recording."""
+
+import warnings
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.special import stdtrit
+
+from fit_errors import recorded, whole
+from nontwist import damping, heavy_top, integrate, standard
+from nontwist.fitting import telling
+from nontwist.fitting.shooting import correlation
+from nontwist.fitting.slow_noise import noise_of_residuals
+
+MOMENTS = np.array([1.0, 1.6, 2.1])
+
+
+def noise(rng, n, samples):
+    """Return noise of three axes, autoregressive of order 1, of this correlation time in samples."""
+    phi, found = np.exp(-1 / samples), rng.normal(size=(n, 3))
+    for k in range(1, n):
+        found[k] = phi * found[k - 1] + np.sqrt(1 - phi**2) * found[k]
+    return found
+
+
+def fits(count, n=200, part=1 / 20, slow=1.0):
+    """Yield fits of throws with noise of which this part of the variance is slow."""
+    rng, t = np.random.default_rng(3), np.linspace(0, 2, n)
+    for _ in range(count):
+        W = rng.normal(size=3) * 4 + [3, 2, 4]
+        run = integrate(standard(MOMENTS), times=t, material_angular_velocity=W, tolerance=1e-9)
+        errors = np.sqrt(slow) * noise(rng, n, part * n) + np.sqrt(1 - slow) * rng.normal(size=(n, 3))
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            yield whole((t, run.material_angular_velocity + 0.02 * errors))
+
+
+def covered(throws):
+    """Return the share of throws with intervals, how often those of the ratios hold them, and of white noise would."""
+    true, found, count = MOMENTS[:2] / MOMENTS[2], [], 0
+    for fit in throws:
+        half, count = np.diff(fit.principal.ratio_intervals, axis=1).ravel() / 2, count + 1
+        off = abs(fit.principal.ratios - true)
+        if np.isfinite(half).all():
+            found.append([off < half, off < half / np.sqrt(fit.solution.inflation)])
+    return len(found) / count, *np.mean(found or [[[np.nan]] * 2], axis=(0, 2))
+
+
+def test_intervals_allow_for_correlated_residuals():
+    given, ours, white = covered(fits(8, part=1 / 40))
+    assert given == 1
+    assert ours >= 0.85
+    assert white < 0.6
+
+
+def test_noise_as_slow_as_the_throw_leaves_no_intervals():
+    given, *_ = covered(fits(6, part=1 / 2))
+    assert given == 0
+
+
+@pytest.mark.parametrize("slow", [1.0, 0.4])
+def test_noise_is_found_from_residuals_from_which_a_fit_has_taken_a_part(slow):
+    """Without bias, though columns that change slowly leave residuals that are less correlated than noise is."""
+    rng, n, samples, count = np.random.default_rng(5), 600, 20, 20
+    waves = np.cos(np.outer(np.arange(n) + 0.5, np.arange(8)) * np.pi / n)
+    A = np.linalg.qr(np.kron(waves, np.eye(3)))[0]
+    distance = abs(np.subtract.outer(np.arange(n), np.arange(n)))
+    S = slow * np.exp(-distance / samples) + (1 - slow) * np.eye(n)
+    true, found = 3 * np.trace(A[::3, ::3].T @ S @ A[::3, ::3]), []
+    for _ in range(count):
+        e = np.sqrt(slow) * noise(rng, n, samples) + np.sqrt(1 - slow) * rng.normal(size=(n, 3))
+        left = e.ravel() - A @ (A.T @ e.ravel())
+        one = noise_of_residuals([np.column_stack([A, left]).reshape(n, 3, -1)], np.zeros((0, 24)))
+        variance = np.trace(one.covariance) * (left @ left) / (3 * n - 24)
+        by_neighbours = correlation(left.reshape(n, 3))
+        times = -1 / np.log([one.phi, by_neighbours]) / samples
+        found.append(np.log([*times, variance / true]))
+    off = np.mean(found, axis=0) / np.std(found, axis=0) * np.sqrt(count)
+    assert abs(off[[0, 2]]).max() < 3
+    assert off[1] < -10
+
+
+def test_white_residuals_have_intervals_of_white_noise():
+    (fit,) = fits(1, slow=0.0)
+    solution = fit.solution
+    assert solution.slow_noise is None
+    assert fit.is_white
+    assert fit.effective_samples == 600
+    assert solution.trusted is solution.information
+    assert telling.quantile(solution) == stdtrit(600 - 12, 0.975)  # of J, W, bias, scale
+
+
+def test_effective_samples_are_those_of_the_variance():
+    """Of slow noise alone by Bayley and Hammersley; by Welch and Satterthwaite beside white noise."""
+    (fit,) = fits(1)
+    solution = fit.solution
+    phi = solution.slow_noise.phi
+    slow = replace(solution)
+    slow.__dict__["slow_noise"] = solution.slow_noise._replace(part=solution.slow_noise.covariance)
+    assert slow.effective_samples == pytest.approx(600 * (1 - phi**2) / (1 + phi**2))
+    assert solution.samples_each == pytest.approx((solution.effective_samples - 7) / 5)  # of W, bias, scale
+    assert telling.quantile(solution, always=True) == stdtrit((solution.effective_samples - 12) / 4, 0.975)
+
+
+@pytest.mark.parametrize(("n", "part"), [(400, 1 / 600), (2000, 1 / 20)])
+def test_slow_noise_is_called_correlated_and_no_misfit(n, part):
+    (fit,) = fits(1, n, part)
+    assert fit.is_explained
+    assert not fit.is_white
+    (said,) = fit.warnings
+    assert said.startswith("the residuals are not white")
+
+
+@pytest.mark.parametrize("drag", [0.01, 0.064])
+def test_what_a_wrong_model_leaves_is_no_slow_noise(drag):
+    """At the larger drag neighbours of what is new are uncorrelated by chance, but not every second sample."""
+    sensor = {"noise": 1e-4, "rate": 400}
+    recording = recorded(standard(MOMENTS), 2, (3, 8, 1), load=damping([drag] * 3), sensor=sensor)
+    with pytest.warns(UserWarning, match="times what noise explains"):
+        fit = whole(recording)
+    assert fit.misfit > 10
+
+
+def test_too_few_samples_count_for_intervals():
+    (free,) = fits(1, part=1 / 2)
+    t, begin = free.parts[0].time, {"rotation": [[1, 0, 0], [0, 0, -1], [0, 1, 0]], "angular_velocity": (1, 2, 5)}
+    pendulum = integrate(heavy_top([0.02, 0.022, 0.004], 0.5, (0, 0, -0.15)), times=t, tolerance=1e-9, **begin)
+    measured = pendulum.material_angular_velocity + 0.003 * noise(np.random.default_rng(3), len(t), 100)
+    with pytest.warns(UserWarning, match="samples count: no intervals; its noise is slow"):
+        swung = whole((t, measured), gravity={"mass": 0.5, "distance": 0.15})
+    for fit in (free, swung):
+        assert np.isnan(fit.principal.ratio_intervals).all()
+        assert "without an interval" in str(fit)
+        assert f"{fit.effective_samples:.2g} of 600 samples count: no intervals" in fit.table()["residual"]
+        assert fit.numbers()["effective_samples"] == fit.effective_samples < 50
+        assert "nan" not in str(fit)
+
+
+def test_what_is_known_beside_is_of_white_noise():
+    rng, known = np.random.default_rng(4), np.diag([1e4, 2e4, 3e4])
+    recording = np.dstack([rng.normal(size=(400, 3, 3)), noise(rng, 400, 20)])
+    found = noise_of_residuals([recording], known)
+    np.testing.assert_allclose(found.covariance, known @ known, atol=1e5)
+    assert abs(found.part).max() < 1e5  # of slow noise

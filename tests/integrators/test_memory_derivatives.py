@@ -1,0 +1,95 @@
+"""Derivatives of runs with memory: differences of runs, the adjoint, propagators, what is refused."""
+
+from functools import partial
+
+import numpy as np
+import pytest
+
+import nontwist as nt
+from conftest import or_long
+from integrators.test_contract import fading, remembered
+from integrators.test_derivatives import require_tangents, require_transpose
+from loads.test_wheels import BODIES, W0, J, drag, spin_up
+
+KINKS = [0.3, 0.5, 1.0], [0.0, 0.5, -0.3]
+START = ["material_angular_velocity", "rotation"]
+NUMBERS = {
+    "load[0].wheel": np.array([1, 1, 0]) / np.sqrt(2),
+    "load[0].inertia": 0.2,
+    "load[0].speed": 3.0,
+    "load[0].torque": 0.1,
+    "load[0].viscous": 0.05,
+}
+
+
+def halting(speed):
+    return 0.3 * speed if abs(speed) < 1 else 0.3 * speed / abs(speed)
+
+
+def branching(t, z, directors, w):
+    return [(0.8 if z[0] > 0 else 0.5) * w[0] - z[0]]
+
+
+def holding(t, z, directors, w):
+    return [z[0], -0.3 * z[0] * w[1], 0.1 * w[0]]
+
+
+def loaded(beside="wheels", p=NUMBERS):
+    *given, viscous = (p[name] for name in NUMBERS)
+    own = nt.wheel(*given, viscous=viscous)
+    if beside == "wheels":  # one that is driven, and one whose function takes no arrays
+        others = nt.wheel("z", 0.1, 5, torque=KINKS) + nt.wheel("y", 0.1, 4, friction=halting, compiled=False)
+        return own + nt.wheel((1, -1, 1), 0.3, -10, spin_up, friction=drag) + others
+    if beside == "memory in space":
+        others = nt.damping(0.1) + nt.sine((0.1, 0.2, 0.3), 0.4, frame="space") + nt.rotor("y", 0.7)
+        table = nt.body_moment([0, 3], [[0, 0, 0], [0.3, 0.1, 0.2]])
+        return own + 2 * nt.memory_load(fading, remembered, [0.3, 0.1], scale=[1, 1], compiled=True) + others + table
+    return 0.5 * (own + nt.memory_load(branching, holding, [0.3], scale=[1], frame="body"))
+
+
+QUICK = [("wheels", "suslov", "gauss 8"), ("memory in space", "standard", "gauss 8")]
+QUICK += [("memory in space", "top", "gauss 2"), ("memory in the body", "suslov", "gauss 4")]
+QUICK += [("memory in space", "top", "lie-midpoint 2"), ("wheels", "suslov", "lie-midpoint 2")]
+
+
+@pytest.mark.filterwarnings("ignore:the load .* runs in Python")
+@pytest.mark.parametrize(
+    ("beside", "body", "scheme"), or_long(QUICK[::2] + QUICK[5:], [*QUICK[1:5:2], ("wheels", "top", "gauss 8")])
+)
+def test_derivatives_are_those_of_differences(beside, body, scheme):
+    """And the gradient their transpose. Of the axis of a wheel counts what is across it."""
+    body, start = BODIES[body], {"material_angular_velocity": W0, "rotation": np.zeros(3), "duration": 0.5}
+    own = {"inertia": body.inertia, "axis": body.axis, "dead_force": body.dead_force, "principal_inertia": np.zeros(3)}
+    wrt, (name, order) = [*START, "inertia", *NUMBERS], scheme.split()
+    how = {"order": int(order), "integrator": name, "h": 4e-4}
+    require_tangents(NUMBERS | start | own, partial(loaded, beside), wrt, 5, 5e-9, **how)
+
+
+def test_adjoint_and_propagator_agree():
+    how = {"t_end": 2, "step": 0.05, "load": 0.5 * loaded("memory in space"), "project": True}
+    wrt = [*START, "load[0].torque", "load[0].speed"]
+    found = require_transpose(nt.standard(J), wrt=wrt, material_angular_velocity=W0, store=20, **how)
+    turn, velocity = nt.propagator(nt.standard(J), store=20, **how).jacobian(wrt=wrt, material_angular_velocity=W0)
+    assert turn == pytest.approx(found.d_rotation.values, abs=1e-12)
+    assert velocity == pytest.approx(found.d_material_angular_velocity.values, abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("body", "load", "wrt", "words"),
+    [
+        (BODIES["standard"], loaded(), "load_scale", "load_scale is none of them"),
+        (BODIES["suslov"], loaded(), "axis", "axis is none of them"),
+        (BODIES["standard"], loaded(), "load[0].scale", r"load\[0\].scale is none of them"),
+        (BODIES["top"], loaded() + nt.spring(2, (0, 0, 1), (1, 0, 0.5), 0.3), START, "no derivatives beside .*spring"),
+        (nt.nontwisting(J, spin=1), loaded("memory in space"), START, "where a spin is prescribed"),
+        (BODIES["top"], nt.wheel("x", 0.1, 3, friction=lambda speed: float(speed)), START, "cannot be differentiated"),
+    ],
+)
+def test_what_has_none_is_refused(body, load, wrt, words):
+    with pytest.raises(ValueError, match=words):
+        nt.sensitivities(body, t_end=1, step=0.1, material_angular_velocity=W0, load=load, wrt=wrt, project=True)
+
+
+def test_energy_momentum_has_none():
+    with pytest.raises(ValueError, match="energy-momentum has no derivatives under loads with memory; use gauss, or"):
+        nt.sensitivities(nt.standard(J), t_end=1, step=0.1, load=loaded(), wrt=START, integrator="energy-momentum")

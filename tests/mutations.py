@@ -39,6 +39,7 @@ STORED = {"tests/covering/test_same_numbers.py", "tests/powers/test_powers.py", 
 STORED |= {"tests/pages/test_language.py", "tests/pages/test_docs_site.py", "tests/pages/test_pages.py"}
 SHARES = (0.006, 0.05, 0.075)  # of the time of all tests: the first ones, the others, more of their files
 ENDLESS, AT_LEAST = 20, 120  # a run that takes so many times as long as without a fault, and these seconds, has no end
+TINIEST = 1e-290  # smaller numbers guard against a division by 0, which any other does
 PASSED = (0, 5)  # exit statuses of pytest: all passed, none was left to run
 SWAPPED = {ast.Add: "-", ast.Sub: "+", ast.Mult: "/", ast.Div: "*"}
 REVERSED = {ast.Lt: ">", ast.LtE: ">", ast.Gt: "<", ast.GtE: "<", ast.Eq: "!=", ast.NotEq: "=="}
@@ -100,7 +101,8 @@ class Places(ast.NodeVisitor):
         if type(node.op) in SWAPPED and not any(map(is_text, (node.left, node.right))):
             kind = "sign" if isinstance(node.op, (ast.Add, ast.Sub)) else "factor"
             self.add(kind, node, f"(({left}) {SWAPPED[type(node.op)]} ({right}))")
-            self.add("dropped term", node, f"({left})")
+            if (left, kind) != ("0.0", "factor"):  # 0 times a number is 0 as well
+                self.add("dropped term", node, f"({left})")
         self.generic_visit(node)
 
     def visit_UnaryOp(self, node):
@@ -145,7 +147,7 @@ class Places(ast.NodeVisitor):
             return
         if type(node.value) is int:
             self.add("off by one", node, repr(node.value + 1))
-        elif type(node.value) is float and node.value:
+        elif type(node.value) is float and node.value > TINIEST:
             self.add("factor", node, repr(2 * node.value))
 
     def statement(self, node):

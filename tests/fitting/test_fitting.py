@@ -388,6 +388,7 @@ def test_the_noise_has_the_density_of_a_data_sheet():
     found = sensed((0, 0, 0), 100, 0.01, noise=2e-3, seed=5).gyroscope.values
     assert np.std(found) == pytest.approx(2e-3 * np.sqrt(100 / 2), rel=0.02)
     assert noise_of(found) == pytest.approx(np.std(found), rel=0.05)
+    assert noise_of(found[:13]) == 0 < noise_of(found[:14])
     assert abs(correlation(found)) < 4 / np.sqrt(found.size)  # so that it is the same at all frequencies
     again = [sensed((0, 0, 0), 100, 0.01, noise=2e-3, seed=seed).gyroscope.values for seed in (5, 6)]
     assert [np.array_equal(found, one) for one in again] == [True, False]

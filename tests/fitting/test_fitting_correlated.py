@@ -155,3 +155,11 @@ def test_too_few_samples_count_for_intervals():
         assert f"{fit.effective_samples:.2g} of 600 samples count: no intervals" in fit.table()["residual"]
         assert fit.numbers()["effective_samples"] == fit.effective_samples < 50
         assert "nan" not in str(fit)
+
+
+def test_what_is_known_beside_is_of_white_noise():
+    rng, known = np.random.default_rng(4), np.diag([1e4, 2e4, 3e4])
+    recording = np.dstack([rng.normal(size=(400, 3, 3)), noise(rng, 400, 20)])
+    found = noise_of_residuals([recording], known)
+    np.testing.assert_allclose(found.covariance, known @ known, atol=1e5)
+    assert abs(found.part).max() < 1e5  # of slow noise

@@ -133,7 +133,10 @@ def test_compiled_and_mapped_functions_have_the_same_bits(plain):
     for name in WEIGHTS:
         assert all(np.array_equal(one[name], compiled(p)[name]) for one, p in zip(alone, each, strict=True))
         assert np.array_equal(mapped[name], [one[name] for one in alone])
-    one, many = jax.grad(f)(each[2])["inertia"], jax.jit(jax.vmap(jax.grad(f)))(points)["inertia"][2]
+    slopes = jax.grad(f)(each[2])
+    one, many = slopes["inertia"], jax.jit(jax.vmap(jax.grad(f)))(points)["inertia"][2]
+    listed = jax.grad(lambda x: f(each[2] | {"material_angular_velocity": [x, *STARTS[2, 1:]]}))(STARTS[2, 0])
+    assert listed == pytest.approx(float(slopes["material_angular_velocity"][0]), rel=1e-14)
     assert np.array_equal(one, jax.jit(jax.grad(f))(each[2])["inertia"])
     assert abs(many - one).max() < 1e-14 * abs(one).max()  # the loss is compiled in other words
     twice = jax.vmap(jax.vmap(lambda W, J: plain({"material_angular_velocity": W, "inertia": J}), (0, None)), (None, 0))

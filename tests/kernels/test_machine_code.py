@@ -93,6 +93,14 @@ def test_what_is_done_for_speed_and_other_processors_change_no_bit(name, order, 
     assert len(found) == 1
 
 
+def test_a_pure_line_is_written_once_where_it_is_known():
+    tracer = machine_code.Tracer(1, False)
+    tracer.open("f", "double %a")
+    names = [tracer.value("fadd double %a, %a") for _ in range(2)]
+    others = [tracer.value("call double @g(double %a)", False) for _ in range(2)]
+    assert (len({*names}), len({*others}), len(tracer.function.lines)) == (1, 2, 3)
+
+
 AT, PAGE, FUSED = 0x2000_0000_0000, 4096, "+fma" in machine_code.processor()[1]
 HARNESS = r"""
 #include <stdio.h>

@@ -420,6 +420,24 @@ def test_torques_of_members_count_for_tolerances_statistics_and_exponents():
 
 
 @pytest.mark.parametrize(
+    ("moments", "load", "more"),
+    [
+        ([3, 4, 5], nt.wheel("z", 4, torque=2), {}),
+        ([3, 4, 5], nt.wheel("z", 4), {"wheel_torque": [[-2.0], [0.0]]}),
+        ([3, 4, 5], nt.damping(0.1) + nt.wheel("z", 4), {"wheel_torque": [[-2.0], [0.0]], "load_scale": [1, 0.1]}),
+        ([1, 1, 0.05], nt.wheel("x", 0.02, speed=200), {}),
+    ],
+)
+def test_steps_of_members_are_short_enough_for_what_wheels_do_to_them(moments, load, more):
+    """A motor turns what carries its wheel, of J - I n nᵀ; the momentum of a wheel turns a slender body to its axis."""
+    how = {"t_end": 10, "integrator": "lie-midpoint", "store": 1, **more}
+    many = nt.simulate_ensemble(nt.standard(moments), material_angular_velocity=(0, 1.0, 0), load=load, **how)
+    speed = np.linalg.norm(many.material_angular_velocity, axis=-1).max()
+    assert speed > 3
+    assert speed * many.attrs["step"] <= 0.05
+
+
+@pytest.mark.parametrize(
     ("value", "code", "fields"),
     [
         ([1, 2, 3], "wheel-torque-shape", {"shape": (3,), "count": 2}),

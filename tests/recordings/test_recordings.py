@@ -90,6 +90,29 @@ def test_rows_out_of_order_are_compared_with_the_gyroscope_in_the_order_of_time(
         same(read({name: values[order] for name, values in columns.items()}), R[order])
 
 
+STEPS = np.array([[-1e-4], [0], [1e-4]])
+
+
+@pytest.mark.parametrize("yaw", [0.65, 0.4])
+@pytest.mark.parametrize("header", ["{} (deg)", "{}"])
+def test_a_reading_that_fits_best_but_that_the_options_exclude_is_said(header, yaw):
+    """Of a body that turns mostly about y; XYZ agrees to 0.89, and to 0.91 with the columns in another order, or to
+    0.94 and 0.95. No other is taken instead of what was stated.
+    """
+    early, angles, late = (np.stack([yaw * t, 0.6 * np.sin(6 * t) - 0.3, 0.1 * np.cos(6 * t)]) for t in T + STEPS)
+    early, R, late = (Rotation.from_euler("ZYX", one.T) for one in (early, angles, late))
+    names = [header.format(name) for name in ("yaw", "pitch", "roll")]
+    rates = vector("g{} (deg/s)", np.degrees((early.inv() * late).as_rotvec()) / 2e-4)
+    data = {"time": T, **dict(zip(names, np.degrees(angles), strict=True)), **rates}
+    same(read(data, euler="ZYX", angle_unit="deg"), R)
+    if "deg" not in header:
+        with refused("options-contradicted"):
+            read(data, euler="XYZ")
+        return
+    with warned("options-contradicted"):
+        same(read(data, euler="XYZ"), Rotation.from_euler("XYZ", angles[::-1].T))
+
+
 OTHER = Rotation.from_rotvec(np.outer(np.sin(9 * T), [0.3, -0.2, 0.1]))
 SLOW = Rotation.from_rotvec(np.outer(T / T[-1], [0.0, 0, 0.5]))
 
@@ -117,6 +140,28 @@ def test_a_turn_about_the_vertical_tells_nothing_by_gravity():
     assert read(data).notes.endswith(unconfirmed)
     for columns in (data, {**data, **gyroscope(motion)}):
         assert "direction" not in read(columns, inverse=True).notes
+
+
+WAVY = np.stack([np.sin(T**2), np.sin(2 * T**2) / 3, T**2], axis=1)  # rad, from rest
+
+
+@pytest.mark.parametrize(("decimals", "slow", "kept", "lost"), [
+    (6, 1, np.delete(np.arange(N), [7, 20, 41, 42]), [7, 20, 41, 42]), (6, 1, np.arange(0, N, 2).repeat(2), None),
+    (1, 0.01, np.arange(N), []), (3, 0.3, np.arange(N), []), (6, 1, np.r_[:20, np.full(3, 20), 20 : N - 3], []),
+])  # fmt: skip
+@pytest.mark.parametrize(
+    "of",
+    [
+        lambda angles: dict(zip(("yaw", "pitch", "roll"), angles, strict=True)),
+        lambda angles: quaternion(values=np.roll(Rotation.from_euler("ZYX", angles.T).as_quat(), 1, axis=1).round(6)),
+    ],
+)
+def test_rows_that_are_held_while_the_body_moves_are_missing(decimals, slow, kept, lost, of):
+    """Not where it rests, or where rounding repeats them."""
+    kept = np.maximum.accumulate(np.where(np.isin(np.arange(N), kept), np.arange(N), 0)) if lost else kept
+    columns = of(np.round(slow * WAVY[kept].T, decimals))
+    found = read(columns, euler=None if "qw" in columns else "ZYX", angle_unit=None if "qw" in columns else "rad")
+    assert (missing(found) == lost) if lost is not None else (missing(found)[-20:] == list(range(N - 41, N - 1, 2)))
 
 
 def missing(found):

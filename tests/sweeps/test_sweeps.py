@@ -4,7 +4,7 @@ import json
 import os
 import re
 import warnings
-from itertools import pairwise
+from itertools import count, pairwise
 from pathlib import Path
 
 import numpy as np
@@ -310,7 +310,7 @@ def test_all_refused_is_reported_before_anything_is_written(write, tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["run.toml"]
 
 
-def test_interrupted_and_run_again(write, tmp_path):
+def test_interrupted_and_run_again(write, tmp_path, monkeypatch):
     file, done = write(FREE), 0
     sweep(file, tmp_path / "whole", block=5)
     for by, at in (("", 15), ("interrupted (SIGHUP)", 25)):
@@ -328,8 +328,10 @@ def test_interrupted_and_run_again(write, tmp_path):
         assert int((part.status == ABSENT).sum()) == 50 - done
         assert np.isnan(part.quaternion.values[part.status.values == ABSENT]).all()
     seen = []
+    monkeypatch.setattr("nontwist.sweeps.sweeping.perf_counter", count().__next__)  # a second for each block
     sweep(file, tmp_path / "parts", workers=1, progress=seen.append)
     assert len(seen) == (50 - done) // 5
+    assert [(now.rate, now.left) for now in seen] == [(5, (50 - now.done) / 5) for now in seen]
     assert seen[-1].done == 50
     whole, parts = (open_store(tmp_path / name).verified().sha256 for name in ("whole", "parts"))
     assert whole == parts is not None

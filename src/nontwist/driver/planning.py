@@ -146,8 +146,12 @@ class Plan(NamedTuple):
     def fastest(self, begin: Starts, is_bound: bool = False) -> float:
         """Return the largest |w| of its runs from a start, rad/s: about, or a bound."""
         load = self.load if is_bound else self.linearised(begin).load
-        ends = self.t_start, self.t_end
-        return float(largest_velocity(self.systems, begin.velocity, load, *ends, begin.load_scale, is_bound))
+        return self._largest(begin, begin.velocity, load, is_bound)
+
+    def _largest(self, begin: Starts, W: Array, load: Load, is_bound: bool = False) -> float:
+        """Return the largest |w| of its runs from a start with other velocities, and under another load."""
+        times, torque = (self.t_start, self.t_end), begin.wheel_torque
+        return largest_velocity(self.systems, W, load, *times, begin.load_scale, is_bound, wheel_torque=torque)
 
     def pace(self, begin: Starts, fastest: float) -> Pieces:
         """Return about the largest |w| of its runs as time goes on, rad/s; `fastest`: the largest of all.
@@ -165,8 +169,7 @@ class Plan(NamedTuple):
         if not (is_known and whole > 0 and rate * span > SETTLES):
             return one
         at_rest = np.zeros_like(begin.velocity)
-        driven = largest_velocity(self.systems, at_rest, load, self.t_start, self.t_end, begin.load_scale)
-        driven = max(float(driven), NOTHING * fastest)
+        driven = max(self._largest(begin, at_rest, load), NOTHING * fastest)
         decay = damping_rate(self.systems, load, begin.load_scale)
         first, last = np.ceil(np.log2(decay / rate * np.array([1.0, max(1.0, np.log(fastest / driven))])))
         since = 2.0 ** np.arange(first, last + 1) / decay

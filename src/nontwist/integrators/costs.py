@@ -192,6 +192,7 @@ def largest_velocity(
     scale: Array = ONE,
     is_bound: bool = False,
     by_energy: bool = False,
+    wheel_torque: Array | None = None,
 ) -> float:
     """Return what |w| of all members can reach, rad/s, as far as it follows from energy and impulse.
 
@@ -202,6 +203,9 @@ def largest_velocity(
 
     Damping bounds it as well: as ``K' = W·M - W·C W``, with ω = J^(1/2) W, ``|ω|' <= |J^(-1/2) M| - ρ |ω|``
     (`slowest_damping`), so |ω| stays below the larger of its start and of |J^(-1/2) M|/ρ, M all moments.
+
+    With wheels K is that of what carries them, of inertia J_c, on which their torques are moments -Σ τ n; their momenta
+    turn W without work. Friction in their bearings is not counted.
 
     A slender body does not reach it by turning about its own axis t, of the smallest moment: from J_t W_t' =
     (J_i - J_j) W_i W_j + m_t, and J_i W_i² + J_j W_j² <= 2 K, its W_t is at most ``|W_t(0)| + (T |J_i - J_j|
@@ -222,17 +226,24 @@ def largest_velocity(
     by_energy : bool
         Let slender bodies turn about their own axis as fast as the energy allows: a solver whose state is the spatial
         momentum meets this rate, as it turns errors of the attitude into such velocities.
+    wheel_torque : (1, w) or (m, w) array, N m, optional
+        Beside the torques of the load, without its scale.
     """
     axes = _body_axes(systems)
     moments = axes.moments
     smallest = moments[:, _free_axes(systems)].min(axis=1)
-    impulse, largest = 0.0, 0.0
+    impulse, largest, torque = 0.0, 0.0, 0.0 if wheel_torque is None else abs(wheel_torque).sum(axis=1)
+    if load.wheels:
+        carrier = systems.convected_inertia - sum(one.locked for one in load.wheels)
+        smallest = np.minimum(smallest, np.linalg.eigvalsh(carrier)[:, 0])
     if load.terms:
         span, samples = t_end - t_start, 2000
         times = t_start + span * (np.arange(samples) + 0.5) / samples
         moving, space = load.sample(times, "body"), load.sample(times, "space")
         if load.rotors:
             moving = moving - np.gradient(load.rotor_momentum(times), times, axis=0)
+        for one in load.wheels:
+            moving = moving - one.scale * one.torque_at(times)[:, None] * one.direction
         if is_bound:
             impulse = sum(float(np.linalg.norm(part, axis=1).sum()) for part in (moving, space)) * span / samples
         else:
@@ -244,18 +255,18 @@ def largest_velocity(
     if systems.spin is not None:
         W, spin = _with_spin(systems, W, moments)
     K = np.sum(W * (systems.convected_inertia @ W[:, :, None])[:, :, 0], axis=1) / 2
-    root = np.sqrt(2 * K) + abs(scale) * impulse / np.sqrt(smallest)
+    root = np.sqrt(2 * K) + (abs(scale) * impulse + torque * (t_end - t_start)) / np.sqrt(smallest)
     pull = np.linalg.norm(systems.dead_force, axis=2).sum(axis=1) + abs(scale) * potential_range(load) / 2
     energy = root**2 + 4 * pull
     slowest = slowest_damping(systems, load, scale)
     if slowest.any() and systems.spin is None and not (is_bound and load.potentials):
         free = _free_axes(systems)
         driven = np.linalg.norm(axes.pulls[:, free] / np.sqrt(moments[:, free]), axis=1)
-        driven = driven + abs(scale) * (largest + potential_range(load)) / np.sqrt(smallest)
+        driven = driven + (abs(scale) * (largest + potential_range(load)) + torque) / np.sqrt(smallest)
         with np.errstate(divide="ignore", invalid="ignore"):
             energy = np.fmin(energy, np.maximum(2 * K, np.square(driven / slowest)))
     reached = np.sqrt(energy / smallest)
-    is_driven = load.potentials or load.rotors or (is_bound and load.frictions)
+    is_driven = load.potentials or load.rotors or load.wheels or (is_bound and load.frictions)
     if systems.axis is None and not (by_energy or is_driven):
         reached = np.minimum(reached, _of_slender(axes, W, load, energy, t_end - t_start, scale, impulse))
     return float(np.hypot(reached.max(), spin))

@@ -15,7 +15,8 @@ Readings differ in the place of the scalar, the order and unit of angles, and th
 
 A reading fits if its number is above a level, and falls short of 1 by no more than twice what the best does, or 0.1.
 What the file or the format states is kept if it fits; else the one that fits well is taken, with a warning. Several
-that fit are a question, none a warning. What the caller states always acts, with a warning where another reading fits.
+that fit are a question, none a warning. What the caller states always acts, with a warning where a reading that it
+excludes fits best.
 """
 
 from __future__ import annotations
@@ -30,6 +31,7 @@ from numpy.typing import NDArray
 
 from ..errors import InputError, InputWarning, warn
 from ..geometry.arrays import Array
+from ..geometry.attitudes import quaternion_product
 from ..units import RATE, TIME
 from .headers import ACCELEROMETER, rate_unit, sensors
 from .headers import GYROSCOPE as GYROSCOPES
@@ -41,11 +43,13 @@ if TYPE_CHECKING:
 FEWEST, MOST, BLOCKS = 10, 20_000, 20  # rows that tell anything, and that are compared, in blocks
 TURNS = 0.3  # rad by which a body must turn in all for a contradiction
 SAME = 2.0  # of the shortfall from 1 of the best reading: those within fit as well
+BESIDE = 0.01  # by which a reading that fits may fall short of that, without a warning
 SAME_ATTITUDE = 1e-9  # by which the product of quaternions of readings that give the same may differ from 1
 SURE = 0.9  # the agreement that takes a reading in place of the stated one
 FITS, MOUNTED = 0.7, 0.95  # least agreement with a gyroscope, and with one whose axes are turned
 FACTOR = 0.1  # by which times may disagree with a gyroscope
 GYROSCOPE, SPIN, OTHER, GRAVITY = "gyroscope", "angular velocity", "other form of the orientation", "gravity"
+CONJUGATE = np.array([-1.0, -1.0, -1.0, 1.0])
 LEVELS = {GYROSCOPE: FITS, SPIN: FITS, OTHER: 0.9, GRAVITY: 0.97}  # least agreement of a reading that fits
 
 
@@ -55,7 +59,7 @@ class Reading:
 
     `make` returns (k, 4) quaternions or (k, 3, 3) matrices of some rows, of which an `inverse` reading is the inverse.
     It is `stated` by the file, its format or the caller, or no more than possible; it is `allowed` unless the caller
-    states another, and `unlike` its headers.
+    states another, and `unlike` its headers. `grid` is by how much quaternions that are not recorded differ at least.
     """
 
     words: str
@@ -64,6 +68,7 @@ class Reading:
     allowed: bool = True
     inverse: bool = False
     unlike: bool = False
+    grid: float | None = None
 
     def __str__(self) -> str:
         return self.words.removeprefix("orientation: ") + (", inverted" if self.inverse else "")
@@ -78,7 +83,7 @@ class Reading:
         values = self.make(rows)
         if not self.inverse:
             return values
-        return values * [-1, -1, -1, 1] if values.shape[-1] == 4 else np.swapaxes(values, -1, -2)
+        return values * CONJUGATE if values.shape[-1] == 4 else np.swapaxes(values, -1, -2)
 
     def quaternions(self, rows: Any) -> Array:
         """Return attitudes as quaternions, nan where they are no rotations."""
@@ -108,10 +113,13 @@ class Evidence:
     def steps(self, what: str, quat: Array) -> tuple[Array, Array, Array]:
         """Return turns between neighbouring rows, the rates that were measured there, and what turns these make."""
         good = known(quat, self.beside[what], self.time[:, None])
-        R, rates, near = as_turns(quat[good]), self.beside[what][good], np.diff(self.places[good]) == 1
-        R = R.inv() if what == SPIN else R
+        q, rates, near = quat[good], self.beside[what][good], np.diff(self.places[good]) == 1
+        q = q * CONJUGATE if what == SPIN else q
+        q = quaternion_product(q[:-1] * CONJUGATE, q[1:])[near]
+        size = np.linalg.norm(q[:, :3], axis=1, keepdims=True)
+        turned = q[:, :3] * (2 * np.arctan2(size, abs(q[:, 3:])) / np.maximum(size, 1e-300)) * np.copysign(1, q[:, 3:])
         measured = (rates[1:] + rates[:-1])[near] / 2
-        return (R[:-1].inv() * R[1:]).as_rotvec()[near], measured, measured * np.diff(self.time[good])[near, None]
+        return turned, measured, measured * np.diff(self.time[good])[near, None]
 
     def agreement(self, what: str, quat: Array) -> tuple[float, float]:
         """Return how well attitudes agree with what is beside them, 1 at best; with rates, also in direction alone."""
@@ -179,9 +187,10 @@ def settled(readings: Sequence[Reading], given: Evidence) -> tuple[Reading | Non
     Raises
     ------
     InputError
-        Several readings fit, and none of them is stated.
+        Several readings fit, and none of them is stated; or none that is allowed fits best.
     """
-    quats = [one.quaternions(given.rows) for one in readings] if given.beside else []
+    made = {one.make: replace(one, inverse=False).quaternions(given.rows) for one in readings if given.beside}
+    quats = [made[one.make] * (CONJUGATE if one.inverse else 1.0) for one in readings if given.beside]
     k = next((k for k, one in enumerate(readings) if one.allowed and one.stated), -1)
     stated = readings[k] if k >= 0 else None
     for what in given.beside:
@@ -190,7 +199,7 @@ def settled(readings: Sequence[Reading], given: Evidence) -> tuple[Reading | Non
             continue
         scores = scores if np.nanmax(scores) >= LEVELS[what] else directions  # a unit is unknown, or wrong
         best, mine, is_gravity = float(np.nanmax(scores)), scores[k] if stated else np.nan, what == GRAVITY
-        room = max(SAME * (1 - best), 0.05 if is_gravity else 0.1)
+        another, room = str(readings[int(np.nanargmax(scores))]), max(SAME * (1 - best), 0.05 if is_gravity else 0.1)
         fits = np.flatnonzero((1 - scores < room) | (scores == best)).tolist()
         own = [j for j in fits if readings[j].allowed]
         told = "steadiness of gravity" if is_gravity else f"agreement with the {what}"
@@ -200,12 +209,16 @@ def settled(readings: Sequence[Reading], given: Evidence) -> tuple[Reading | Non
             if stated and not is_gravity and any(map(_turns, quats)):
                 _warn("no-reading-fits", what=what, best=best)
         elif stated and (k in own or len(fits) == len(readings)):
+            if k in own and not is_gravity and 1 - mine > SAME * (1 - best) + BESIDE:
+                _warn("options-contradicted", told=told, mine=mine, best=best, another=another)
             others = [j for j, one in enumerate(readings) if one.inverse != stated.inverse]
             if not set(others) & set(fits):  # which tells the direction
                 inverted = np.nanmax(scores[others])
                 return stated, (f"checked: {told} {mine:.2f} as it is read, {inverted:.2f} inverted",)
-        elif not own:
-            another = str(readings[int(np.nanargmax(scores))])
+        elif not own or scores[own].max() < best - SAME_ATTITUDE:
+            if stated is None:
+                mine = np.nanmax(scores[[one.allowed for one in readings]])
+                raise InputError("options-contradicted", told=told, mine=mine, best=best, another=another)
             _warn("options-contradicted", told=told, mine=mine, best=best, another=another)
             return stated, ()
         elif all(np.nanmin(abs((quats[own[0]] * quats[j]).sum(axis=1))) > 1 - SAME_ATTITUDE for j in own[1:]):
@@ -214,6 +227,7 @@ def settled(readings: Sequence[Reading], given: Evidence) -> tuple[Reading | Non
                 _warn("reading-by-evidence", told=told, best=best, mine=mine, chosen=str(chosen), stated=str(stated))
             return chosen, (f"checked: {told} {best:.2f} as it is read",)
         elif not is_gravity:
+            own.sort(key=lambda j: -scores[j])
             raise InputError("several-readings", readings="; ".join(str(readings[j]) for j in own))
     return stated, ()
 

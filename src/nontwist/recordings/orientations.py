@@ -34,6 +34,9 @@ IDENTITY = 1e-6  # a first row closer to no rotation than this says where the sc
 MEASURED = 1e-2  # by which recorded rotations, which are rounded, may be off
 RARE = 0.1  # of all rows: so few that are no rotations are missing
 JUMP = 3.0  # times the largest steps: beyond it an exact identity is none
+STEADY = 0.75  # of the speed around: what a body that has not stopped for a row keeps, and one that has does not
+COARSE = 5.0  # times the last place of what is recorded: so far rounding repeats no row
+MOVING = 1.8  # times the smallest step, which is that of numbers that were rounded before they became attitudes
 SENTINELS = 3  # values of a row that stand for missing, at most
 
 
@@ -128,7 +131,8 @@ def _recorded(
         raise InputError("several-readings", readings="; ".join([str(one) for one in readings if one.allowed][:4]))
     if chosen.unlike and not checked:
         warnings.warn(InputWarning("unlike-headers", words=chosen.words), stacklevel=2)
-    values, told = rotations(chosen.values(), lines, how.normalize)
+    again = False if time.time is None else np.append(False, np.diff(time.time) == 0)
+    values, told = rotations(chosen.values(), lines, how.normalize, chosen.grid, again)
     factor, by_gyroscope = time_unit(chosen, given, time.has_unit)
     times = time.time if time.time is None or factor == 1.0 else time.time * factor
     if chosen.inverse:
@@ -285,7 +289,9 @@ def _angles(
         words = f"orientation: {words}, {one}: {', '.join(order)}"
         unlike = is_named and headers.angles(three, letters or "") not in (None, order)
         make = partial(_of_angles, table.vectors(order), letters, one == "deg")
-        readings.append(Reading(words, make, is_stated and one == unit, is_free and told in (None, one), unlike=unlike))
+        grid = _grid(table.vectors(three)) * (np.radians(1) if one == "deg" else 1) / 2  # of quaternions
+        is_allowed = is_free and told in (None, one)
+        readings.append(Reading(words, make, is_stated and one == unit, is_allowed, unlike=unlike, grid=grid))
     return readings
 
 
@@ -302,8 +308,13 @@ def _of_angles(columns: Array, letters: str | None, in_degrees: bool, rows: Any)
 
 
 @np.errstate(over="ignore", invalid="ignore")
-def rotations(values: Array, lines: Lines | None, normalize: bool) -> tuple[Array, tuple[str, ...]]:
+def rotations(
+    values: Array, lines: Lines | None, normalize: bool, grid: float | None = None, again: Any = False
+) -> tuple[Array, tuple[str, ...]]:
     """Return rotations to 1 %, to round-off where `normalize` is set, NaN in rows that are missing, and notes.
+
+    `grid` is by how much they differ at least, where these are not the numbers that were recorded; `again` is where a
+    time repeats the one before.
 
     An InputError where most rows are no rotations, or are so by a common scale or rounding and `normalize` is not set.
     """
@@ -312,14 +323,13 @@ def rotations(values: Array, lines: Lines | None, normalize: bool) -> tuple[Arra
     size, off = np.linalg.norm(flat, axis=1) / math.sqrt(1 if is_quaternion else 3), _defect(values)
     if not good.any():
         return values, ()
-    bad, (lost, held) = good & ~(off <= MEASURED), _lost(flat, good)
+    bad, (lost, held) = good & ~(off <= MEASURED), _lost(flat, good, grid or _grid(flat[good]), again)
     what, plural = ("quaternion", "quaternions") if is_quaternion else ("matrix", "matrices")
     told = list[str]()
     is_few = (bad != good).any() and len(np.unique(flat[bad], axis=0)) <= SENTINELS
     if bad.sum() > RARE * good.sum() and not is_few:
         scale = float(np.median(size[good]))
-        steps = np.diff(np.unique(flat[good].ravel()))
-        quantum = float(steps[steps > 0].min(initial=np.inf)) / scale  # of rounded values
+        quantum = _grid(flat[good]) / scale
         room = max(MEASURED, 2 * quantum if quantum < 0.5 else 0.0) * (1 if is_quaternion else 3)
         rare = good & (_defect(values / scale) > room)
         if rare.sum() > RARE * good.sum():
@@ -356,16 +366,34 @@ def _defect(values: Array) -> Array:
     return np.asarray(abs(np.swapaxes(values, 1, 2) @ values - np.eye(3)).max(axis=(1, 2)))
 
 
-def _lost(flat: Array, good: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Return exact identities where attitudes jump far more than elsewhere, and repeated rows before one such jump."""
+def _grid(numbers: Array) -> float:
+    """Return the smallest difference of recorded numbers, one digit of their last place where they are rounded."""
+    return float(np.diff(np.unique(numbers[np.isfinite(numbers)])).min(initial=np.inf))
+
+
+def _lost(flat: Array, good: NDArray[np.bool_], grid: float, again: Any) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Return exact identities where attitudes jump far more than elsewhere, and repeated rows before a jump.
+
+    That is one such step; or one that makes up for them: as long, in the time since the last new row, as the steps
+    between the new rows before and after are in theirs, of which repeated rows at rest or by rounding have none.
+    """
     units, signs = (np.eye(4)[[0, 3]], (1, -1)) if flat.shape[1] == 4 else (np.eye(3).reshape(1, 9), (1,))
     same, (lost, held) = (flat[:, None] == units).all(axis=2).any(axis=1), np.zeros((2, len(flat)), dtype=np.bool_)
     steps = np.min([np.linalg.norm(flat[1:] - sign * flat[:-1], axis=1) for sign in signs], axis=0)
-    repeated = np.append(False, steps == 0)
+    repeated = np.append(False, steps == 0) & ~np.asarray(again)
     for found, which, apart in ((lost, same, same), (held, repeated, same | repeated)):
         others = steps[np.isfinite(steps) & ~apart[1:] & ~apart[:-1]]
         most = JUMP * float(np.quantile(others, 0.99)) if others.size else 0.0
         far = np.concatenate([[True], steps > (most or np.inf), [True]])
         for first, last in np.flatnonzero(np.diff(np.concatenate([[False], which, [False]]))).reshape(-1, 2):
             found[first:last] = far[last] and (far[first] if which is same else not far[min(last + 1, len(flat))])
+    fresh = np.flatnonzero(~repeated)
+    ahead, count = steps[fresh[1:] - 1], np.diff(fresh)
+    rates, is_long = ahead / count, ahead > COARSE * grid
+    before, after = (np.pad(rates, 1)[k : k + len(rates)] for k in (0, 2))
+    near = np.pad(is_long, 1, constant_values=True)
+    late = (count > 1) & (rates > STEADY * np.maximum(before, after)) & near[:-2] & is_long & near[2:]
+    late &= ahead > MOVING * ahead[ahead > 0].min(initial=np.inf)
+    for first, last in zip(fresh[:-1][late], fresh[1:][late], strict=True):
+        held[first + 1 : last] = True
     return lost & good & ~same.all(), held & good & ~lost

@@ -32,7 +32,7 @@ from .section import BY_FORM, Faults, OneOf, Positive, Section, entry
 
 if TYPE_CHECKING:
     from ..driver.single_run import Prepared
-    from .loads import LoadSection
+    from .load_tables import LoadSection
 
 KEPT = (*NODES, *ROTORS, *WHEELS)
 MOST_KEYS, MOST_VALUES = 100, 10_000_000

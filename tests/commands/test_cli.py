@@ -146,7 +146,11 @@ def test_a_recording_without_headers_and_without_times(tmp_path, monkeypatch):
     assert np.array_equal(rated.time, np.arange(len(lines)) / 50)
     monkeypatch.chdir(tmp_path)
     assert CliRunner().invoke(app, ["twist", "-", *how, "--rate", "50"], input=without).exit_code == 0
-    assert np.array_equal(open_run("stdin-twist.nc").twist_angle, rated.twist_angle)
+    assert (
+        CliRunner().invoke(app, ["twist", "-", *how, "--rate", "50", "--out", "own.nc"], input=without).exit_code == 0
+    )
+    for name in ("stdin-twist.nc", "own.nc"):
+        assert np.array_equal(open_run(name).twist_angle, rated.twist_angle)
     assert np.array_equal(rated.twist_angle, result.twist_angle)
     assert given.stderr == ""
     facts = json.loads(given.stdout)

@@ -50,6 +50,11 @@ def test_a_hopeless_step_is_told_once():
     assert told(lambda: integrate(BODY, t_end=10, step=10 / np.ceil(10 / float(fine)), **start))[1] is None
 
 
+@pytest.mark.parametrize("scheme", [LieMidpoint(), *map(Gauss, (2, 4, 6, 8)), *map(Split, (2, 4, 6))])
+def test_the_error_of_a_steady_rotation_has_the_order_of_the_scheme(scheme):
+    assert np.log2(scheme.lag(1.0) / scheme.lag(0.5)) == pytest.approx(scheme.order + 1, abs=0.3)
+
+
 def test_calls_that_are_prepared_say_the_same():
     """From the second run of a plan on nothing is checked anew."""
     fast, plan = (4, 0, 0), {"t_end": 10, "step": 0.5, "integrator": "lie-midpoint"}

@@ -138,3 +138,18 @@ def test_tiny_motions_end(speed):
     how = {"t_end": 10, "step": 5, "integrator": "continuous", "project": True}
     run = simulate(nontwisting([1e-2, 700, 700]), **start, **how)
     assert run.material_angular_velocity.values[-1] / speed == pytest.approx([2, 0, 0], abs=1e-9)
+
+
+def test_a_push_takes_the_same_steps_from_rest_and_almost_from_rest(monkeypatch):
+    """The sizes that tolerances are relative to are those of the motion that begins."""
+    counts, solver = [], continuous.solver_of("DOP853")
+    counting = type("Counting", (solver,), {"step": lambda self: counts.append(self.t) or solver.step(self)})
+    monkeypatch.setattr(continuous, "solver_of", lambda method: counting)
+    taken = []
+    for speed in (0.0, 1e-9):
+        counts.clear()
+        integrate(
+            STANDARD, times=[1.0], load=sine((1, 2, 0), 1.0), angular_velocity=(speed, 0, 0), integrator=Continuous()
+        )
+        taken.append(len(counts))
+    assert taken[1] <= taken[0] + 2

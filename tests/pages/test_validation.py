@@ -36,12 +36,11 @@ CHECKS = {f"{group}-{check.__name__}": check for group in GROUPS for check in mo
 # Of those that take longer, the first checks.
 FIRST = {"orders-orders": 1, "invariants-million_steps": 1, "nonreversible-against_dop853": 6}
 FIRST |= {"nonreversible-long_runs": 3, "compiled-parity": 2, "free-fitted": 1, "loaded-friction": 1}
-FIRST |= {"loaded-integrators": 2, "loaded-multipliers": 4, "paper-tables": 4}
-MINUTES = {f"invariants-{name}" for name in ("random_bodies", "exchange", "forced")}
-MINUTES |= {"loaded-oil", "tops-benchmark", "tops-pendulum", "frames-long_paths"}
+FIRST |= {"loaded-integrators": 2, "loaded-multipliers": 4, "loaded-oil": 1, "paper-tables": 4}
+FIRST |= {f"invariants-{name}": 1 for name in ("random_bodies", "exchange", "forced")}
 
 
-@pytest.mark.parametrize("name", [name for name in CHECKS if name not in MINUTES])
+@pytest.mark.parametrize("name", CHECKS)
 def test_quick_checks_hold(name):
     """And what is known, tolerances, kinds and sources are those that the page promises, and orders as they were.
 

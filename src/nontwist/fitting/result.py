@@ -290,7 +290,7 @@ class Fit:
     def is_white(self) -> bool:
         """Whether neighbouring residuals are uncorrelated within 5 standard errors, or negligibly small.
 
-        Those of a gyroscope must also be as likely under white noise as where a part of it is slow.
+        Those of a gyroscope, or of attitudes alone, must also be as likely under white noise as where a part is slow.
         """
         return self.solution.slow_noise is None and all(
             one.size == 0 or np.sqrt((one**2).mean()) < TINY * size or abs(correlation(one)) < WHITE / np.sqrt(one.size)
@@ -308,8 +308,10 @@ class Fit:
         About 1 where the model is right. Slow noise, of which a smooth motion takes up all but what is new at each
         sample, counts by that. Residuals below 0.01 % of the speed count as explained.
         """
-        of_attitudes = self._scatter(lambda part: scatter_of_attitudes(part.time, part.quaternions, part.measured))
-        found = [self.solution.tilt / max(of_attitudes, EXACT)]
+        found = list[float]()
+        if self.solution.problem.model.oriented:
+            scatter = self._scatter(lambda part: scatter_of_attitudes(part.time, part.quaternions, part.measured))
+            found.append(self.solution.tilt / max(scatter / new_of(self.solution.turned_by), EXACT))
         if self.has_gyroscope:
             scatter = self._scatter(lambda part: scatter_of(part.time, part.measured))
             least = max(scatter / new_of(self.solution.left_over), self.stated_noise)

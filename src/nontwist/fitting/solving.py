@@ -143,17 +143,19 @@ class Solution:
 
     @cached_property
     def slow_noise(self) -> SlowNoise | None:
-        """The noise of the gyroscope where neighbouring residuals are correlated; None where it is white."""
+        """The noise of rates, or of attitudes alone, where neighbours are correlated; None where it is white."""
         problem, found, by = self.problem, self.residuals, self.of_columns
-        if not np.linalg.norm(self.left_over) > TINY * np.linalg.norm(problem.data):
+        size, noisy, white = np.linalg.norm(problem.data), found.rates, [*found.attitudes, *found.beside]
+        if not problem.has_gyroscope:
+            size, noisy, white = np.sqrt(len(self.misses)), found.attitudes, found.beside
+        if not np.linalg.norm(self.misses) > TINY * size:
             return None
         soft = problem.loss == "soft_l1"  # whose derivative is what is correlated then
         recordings = [
             np.column_stack([A @ by[columns], r / np.sqrt(1 + r**2) if soft else r]).reshape(-1, 3, by.shape[1] + 1)
-            for r, A, columns in found.rates
+            for r, A, columns in noisy
         ]
-        _, others = stacked([*found.attitudes, *found.beside], problem.columns)
-        return noise_of_residuals(recordings, others @ by)
+        return noise_of_residuals(recordings, stacked(white, problem.columns)[1] @ by)
 
     def of_inertia(self, covariance: Array) -> Array:
         """Return the covariance of J along the basis."""

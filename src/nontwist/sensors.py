@@ -99,9 +99,9 @@ def gyroscope(
     t = run["time"].values
     if rate is not None:
         hertz = float(as_positive(rate, "rate", (), "Hz"))
-        first, last = int(np.ceil(late * hertz - LAST)), int((t[-1] - t[0]) * hertz + LAST)
+        first, last = int(np.ceil(late * hertz - LAST)), int(np.ptp(t) * hertz + LAST)
         if last - first < 1:
-            raise ValueError(f"the run lasts {t[-1] - t[0]:.6g} s, less than two samples at a rate of {hertz:g} Hz")
+            raise ValueError(f"the run lasts {np.ptp(t):.6g} s, less than two samples at a rate of {hertz:g} Hz")
         begin, t = t[0], np.minimum(t[0] + np.arange(first, last + 1) / hertz, t[-1])
         run = resample(run, np.maximum(t - late, begin))
     elif late:
@@ -109,7 +109,7 @@ def gyroscope(
     elif t.size < 2:
         raise ValueError("the run has a single state; a recording needs two samples")
     else:
-        hertz = (t.size - 1) / float(t[-1] - t[0])
+        hertz = (t.size - 1) / float(np.ptp(t))
         if density > 0 and abs(np.diff(t) * hertz - 1).max() > 1e-6:
             raise ValueError("the stored states are not evenly spaced: pass rate=, in Hz")
     W = run["material_angular_velocity"].transpose("time", "director").values

@@ -420,6 +420,23 @@ def test_torques_of_members_count_for_tolerances_statistics_and_exponents():
 
 
 @pytest.mark.parametrize(
+    ("each", "load", "own"),
+    [
+        ({"load_scale": [1, 3]}, nt.constant((0.1, 0, 1)), nt.constant((0.3, 0, 3))),
+        ({"wheel_torque": EACH}, wheels_with([0.0, 0.0], False), wheels_with(EACH[-1], False)),
+        ({"wheel_torque": EACH[1:2]}, wheels_with([0.0, 0.0], False), wheels_with(EACH[1], False)),
+    ],
+)
+def test_members_are_resampled_under_loads_of_their_own(each, load, own):
+    how = {"t_end": 2, "step": 0.1, "material_angular_velocity": W0}
+    many = nt.simulate_ensemble(nt.standard(J), load=load, variables="all", store=1, **each, **how)
+    found, run = nt.resample(many.isel(member=-1), [0.55, 1.23]), nt.simulate(nt.standard(J), load=own, **how)
+    expected = nt.resample(run, [0.55, 1.23])
+    for name in {"quaternion", "material_angular_velocity", "total_momentum", "wheel_work"} & {*expected.data_vars}:
+        assert found[name].values == pytest.approx(expected[name].values, abs=1e-13), name
+
+
+@pytest.mark.parametrize(
     ("moments", "load", "more"),
     [
         ([3, 4, 5], nt.wheel("z", 4, torque=2), {}),

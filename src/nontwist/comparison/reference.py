@@ -103,7 +103,7 @@ def _stepped(case: Case, times: Array) -> tuple[Trajectory, str, Array, Array]:
     """Return the run by steps, its name, its error bars, and how far a change of the start by `CHANGE` moves it."""
     load = as_load(case.problem.load)
     jumps = kinks(with_spin_kinks(load, stacked(case.problem.system)), times[0], times[-1])
-    apart = abs(jumps[:, None] - times).min(axis=1) > SAME * (times[-1] - times[0])  # 0.3 and 3 × 0.1 are one time
+    apart = abs(jumps[:, None] - times).min(axis=1) > SAME * np.ptp(times)  # 0.3 and 3 × 0.1 are one time
     borders = np.union1d(times, jumps[apart])
     least = np.ceil(4 * np.diff(borders) / case.automatic)
     pair = [stretched(borders, n * least) for n in (1, 2)]

@@ -25,7 +25,7 @@ from ..integrators import INTEGRATORS, IVP, Integrator, SimulationError, Simulat
 from ..integrators.ivp import FIT, Stretches, started, stretched
 from ..loads import Load, Term, as_load, body_moment
 from ..loads.kinds import load_of
-from ..loads.load import of_body
+from ..loads.load import of_body, with_torques
 from ..models.stack import stacked
 from ..models.system import DirectorSystem
 from . import completion
@@ -272,7 +272,8 @@ def resample(run: xarray.Dataset, times: ArrayLike, load: Load | Term | None = N
     of, found, states = np.clip(of, kept[0], kept[-1]), [], stored
     for k in kept:
         (first, last), here, seam = spans[k], of == k, states.part(slice(-1, None))
-        acting = of_body(load_of(parts[k]["load"]) if load is None else as_load(load), system.inertia)
+        acting = _of_member(run, load_of(parts[k]["load"]) if load is None else as_load(load))
+        acting = of_body(acting, system.inertia)
         if acting.remembering:
             as_dataset(run, RUN, ("internal_state",))
         own = (t >= first) & (t <= last)
@@ -292,6 +293,13 @@ def resample(run: xarray.Dataset, times: ArrayLike, load: Load | Term | None = N
         whole = whole.isel(time=np.argsort(np.concatenate([places for places, _ in found])))
         whole["quaternion"].values[:] = without_jumps(whole["quaternion"].values.copy())
     return whole.assign_attrs(run.attrs | {"resampled": "between stored states"})
+
+
+def _of_member(run: xarray.Dataset, load: Load) -> Load:
+    """Return the load of an ensemble as that of a member, which has factors and torques of its own."""
+    if "load_scale" in run:
+        load = run["load_scale"].item() * load
+    return with_torques(load, run["wheel_torque"].values) if "wheel_torque" in run else load
 
 
 def _between(

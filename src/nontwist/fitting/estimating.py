@@ -92,7 +92,7 @@ def windowed(
 
 def weak_rows(model: Model, time: Array, rates: Array, speed: Array | None, width: float) -> Array:
     """Return the equations of the weak form over windows of so many radians, (m, 3, 6 + q)."""
-    size, duration = np.sqrt((rates**2).sum(axis=1).mean()), time[-1] - time[0]
+    size, duration = np.sqrt((rates**2).sum(axis=1).mean()), np.ptp(time)
     haste, interval = haste_of(model, time, rates), np.quantile(np.diff(time), 0.8)
     known = acting(model, time, rates, speed)
     longest = 4 * duration / (6 + known[0].shape[2] / 3)  # with which there are as many equations as unknowns

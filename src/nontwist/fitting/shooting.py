@@ -326,7 +326,7 @@ def require_turning(model: Model, time: Array, rates: Array, where: str) -> None
     turned = float(np.trapezoid(speed, time))
     if turned < LEAST_TURN:
         raise ValueError(
-            f"{where}: the body turns by only {turned:.2g} rad in {time[-1] - time[0]:.3g} s, too little to determine "
+            f"{where}: the body turns by only {turned:.2g} rad in {np.ptp(time):.3g} s, too little to determine "
             "an inertia: turn it faster, throw it higher; or are rates in rad/s, or times in s?"
         )
     between = float(np.median(np.diff(time)) * speed.max())

@@ -35,7 +35,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any, NamedTuple, Self
 
 import numpy as np
 
@@ -192,6 +192,11 @@ class Wheel(Memory):
         is_new = self.friction is not None and self.scale == 1.0
         if is_new and (reason := gain_of_energy(self.friction, (*-SPEEDS, *SPEEDS))):
             raise ValueError(reason)
+
+    @classmethod
+    def of_record(cls, record: Record) -> Self:
+        """Return the wheel of a record, without its factor."""
+        return replace(super().of_record(record), has_motor=record.get("has_motor"))
 
     @property
     def is_driven(self) -> bool:

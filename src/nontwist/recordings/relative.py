@@ -264,17 +264,17 @@ def fitted_clock(a: Rotation, t: Array, b: Rotation, s: Array, *, drift: bool, s
     if min(many, s.size) < SHORTEST:
         code = "few-to-align" if shake is None else "few-shaken"
         raise InputError(code, least=SHORTEST, count=many, other=s.size, first=t[0], last=t[-1])
-    step = max(min(np.median(np.diff(t)), np.median(np.diff(s))), (t[-1] - t[0]) / MOST, (s[-1] - s[0]) / MOST)
+    step = float(max(min(np.median(np.diff(t)), np.median(np.diff(s))), np.ptp(t) / MOST, np.ptp(s) / MOST))
     va, vb = (_speed(rotation, time) for rotation, time in ((a, t), (b, s)))
     grid_a, grid_b = (np.arange(time[0], time[-1], step) for time in (t, s))
     fa, fb = np.interp(grid_a, *va), np.interp(grid_b, *vb)
     shaken = within(grid_a, shake)
     if (count := min(shaken.sum(), grid_b.size)) < min(SHORTEST, many):
-        raise InputError("long-recordings", step=step, count=count, length=t[-1] - t[0], other=s[-1] - s[0])
+        raise InputError("long-recordings", step=step, count=count, length=np.ptp(t), other=np.ptp(s))
     if any(np.ptp(f) <= STEADY * f.max() for f in (fa[shaken], fb)):
         raise InputError("steady-speeds")
     lag, _, rival = _search(fa, fb, shaken)
-    shift, span = float(t[0] - s[0] - lag * step), float(max(s[-1] - s[0], step))
+    shift, span = float(t[0] - s[0] - lag * step), float(max(np.ptp(s), step))
 
     def clock(x: Array) -> tuple[float, float]:
         """Return shift and drift of x: in steps, the drift those that it makes over the second recording."""
@@ -302,7 +302,7 @@ def fitted_clock(a: Rotation, t: Array, b: Rotation, s: Array, *, drift: bool, s
         raise InputError("unlike-speeds", correlation=correlation, least=least)
     if rival is not None:
         raise InputError("several-shifts", apart=rival[0] * step, other=rival[1], best=rival[2])
-    if unsure is not None and not (unsure <= VAGUE and unsure * min(t[-1] - t[0], span) <= step):
+    if unsure is not None and not (unsure <= VAGUE and unsure * min(np.ptp(t), span) <= step):
         raise InputError("uncertain-drift", ppm=1e6 * unsure)
     ahead, slope = clock(x)
     shown, during = f"{ahead + 0.0:+.5f}".rstrip("0").rstrip("."), ""

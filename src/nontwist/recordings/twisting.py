@@ -206,7 +206,7 @@ def twist(
         "frame": (frame, "1", "non-twisting frame, rows d1, d2, d3", "χ"),
     }
     if data.time is not None:
-        scale = 2.0 ** (int(np.frexp(data.time[-1] - data.time[0])[1]) - 1)  # products of intervals do not overflow
+        scale = 2.0 ** (int(np.frexp(np.ptp(data.time))[1]) - 1)  # products of intervals do not overflow
         rate = np.gradient(sign * psi, data.time / scale, edge_order=2 if psi.size > 2 else 1)
         variables["twist_rate"] = (rate / scale, "rad s-1", "twist rate", "ψ'")
     where = "space" if axis_frame == "space" else "the body"

@@ -239,6 +239,7 @@ test_refusals = refused_as(
         lambda: nt.simulate(FREE, t_end=1, step=0.1, load=nt.director_forces(lambda t, d, w: (1, 2, 3))),
         lambda: nt.simulate(FREE, t_end=1, load=QUADRATIC, integrator="exact"),
         lambda: nt.simulate_ensemble(FREE, t_end=1, step=0.1, load=nt.gravity_gradient(0.4), reduce="drift"),
+        lambda: nt.potential((0, 0, 1), well, linear=(1, 2, 3)),
     ],
     kind=(ValueError, SimulationError),
 )

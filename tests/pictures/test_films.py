@@ -238,6 +238,7 @@ def test_titles_stand_above_pictures_in_lines_of_like_length(runs, folder):
         (text,) = figure.texts
         box = text.get_window_extent()
         assert figure.bbox.x0 < box.x0 < box.x1 < figure.bbox.x1
+        assert figure.axes[0].bbox.y1 < box.y0 < box.y1 < figure.bbox.y1
         first, *others = text.get_text().split("\n")
         assert title.startswith(" ".join([first, *others]).removesuffix(" …"))
         assert len(others) <= 1

@@ -276,3 +276,16 @@ def test_a_jump_of_a_load_with_memory_is_named(derivative, moment, words):
     with pytest.raises(nt.errors.SimulationError, match="jumps with the state") as failed:
         [loop.step() for _ in range(100)]
     assert (failed.value.status, failed.value.time) == (nt.errors.Status.JUMP, loop.time)
+
+
+@pytest.mark.parametrize("make", [
+    lambda f: memory_load(f, f, 0.0), lambda f: nt.wheel("x", 0.1, torque=f, compiled=False),
+    lambda f: nt.wheel("x", 0.1, friction=f, compiled=False), nt.moment, nt.director_forces,
+    lambda f: nt.potential([[0, 0, 1]], lambda g: 0.0, f),
+])  # fmt: skip
+def test_every_load_that_runs_in_python_is_said(make):
+    def slow(*given):
+        return 0.0 * np.asarray(given[-1])
+
+    with pytest.warns(UserWarning, match=r"^the load \S+slow runs in Python, .* compiled=True"):
+        nt.stepper(standard(J), 0.1, load=make(slow))

@@ -224,7 +224,12 @@ class Load:
     @cached_property
     def is_compiled(self) -> bool:
         """Whether all functions called during the integration are compiled."""
-        return all(term.c_function is not None for term in (*self.called.terms, *self.functions, *self.memories))
+        return not self.in_python
+
+    @cached_property
+    def in_python(self) -> tuple[Term, ...]:
+        """The terms whose functions are called during the integration and are not compiled."""
+        return tuple(x for x in (*self.called.terms, *self.functions, *self.memories) if x.c_function is None)
 
     @cached_property
     def is_immutable(self) -> bool:

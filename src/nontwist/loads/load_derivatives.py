@@ -134,7 +134,7 @@ def slopes_of(term: Term, x: Array, speed: float = 1.0, has_time: bool = True) -
     if has_own:
         by_directors, by_velocity = own_derivative(term, float(x[12]), x[:9].reshape(3, 3), x[9:12])
         found[:, 1:10], found[:, 10:13] = by_directors.reshape(3, 9), by_velocity
-    return found, "" if is_exact or has_own else differences_of(term)
+    return found, "" if is_exact or has_own else function_of(term)
 
 
 def _by_duals(term: Term, x: Array) -> Array | None:
@@ -176,9 +176,10 @@ def own_derivative(term: Term, t: float, directors: Array, velocity: Array) -> t
     return found[0], found[1]
 
 
-def differences_of(term: Term) -> str:
-    """Return the name of the function of a term that differences are taken of."""
-    return name_of(term.gradient if isinstance(term, PotentialFunction) else term.called).removeprefix("__main__.")
+def function_of(term: Term) -> str:
+    """Return the name of the function of a term, as of the motor of a wheel."""
+    own = term.gradient if isinstance(term, PotentialFunction) else getattr(term, "motor", None)
+    return name_of(own or getattr(term, "friction", None) or term.called).removeprefix("__main__.")
 
 
 def differenced(names: Iterable[str]) -> str:

@@ -9,6 +9,7 @@ import nontwist as nt
 from conftest import NONTWISTING, STANDARD
 from nontwist.analysis.invariants import drifts
 from nontwist.integrators import EnergyMomentum, LieMidpoint
+from nontwist.integrators.energy_momentum import gain
 from nontwist.sweeps import sweep
 from refusals import refused_as
 
@@ -110,3 +111,12 @@ def test_in_run_files_and_sweeps(write, tmp_path):
     how = {"t_end": 4, "step": 0.1, "material_angular_velocity": MIDDLE, "integrator": LieMidpoint(1, dissipation=0.5)}
     assert found[1] == nt.simulate(STANDARD, **how).kinetic_energy.values[-1]
     assert (np.diff(found) < 0).all()
+
+
+@pytest.mark.parametrize(("v", "p", "expected"), [(1.0, 2.0, 3 / 3.3), (2.0, 1.0, 3 / 2.7), (0.0, 0.0, 1.0)])
+def test_a_director_whose_velocity_does_not_change_is_not_slowed(v, p, expected):
+    """Nor one at rest: by the quotient of (p + v) and χ (p - v) + p + v."""
+    found, slope = gain(0.3, v, p)
+    assert found == pytest.approx(expected, rel=1e-15)
+    if v > 0:
+        assert slope == pytest.approx((gain(0.3, v, p + 1e-5)[0] - gain(0.3, v, p - 1e-5)[0]) / 2e-5, rel=1e-8)

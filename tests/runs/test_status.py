@@ -156,7 +156,7 @@ def test_a_member_that_is_not_finite_has_failed_and_no_other(what, at, value, sa
     with pytest.warns(UserWarning, match=f"^1 of 3 members have failed, the first is 1: {re.escape(told)}$"):
         many = simulate_ensemble(BODY, integrator=spoilt(what, value, *at, member=1), **how)
     assert many.status.values.tolist() == [0, Status.NOT_FINITE, 0]
-    assert many.status.attrs["flag_meanings"].split()[-3:] == ["not_finite", "incomplete", "jump"]
+    assert many.status.attrs["flag_meanings"].split()[-4:] == ["not_finite", "incomplete", "jump", "too_many"]
     assert many.message.values.tolist() == ["", told, ""]
     for name in ("quaternion", "material_angular_velocity", "kinetic_energy_max"):
         assert np.array_equal(many[name][[0, 2]], sound[name][[0, 2]])

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 EXACT = 1e-9  # accepted departure from orthonormality
 GAP = 5.0  # times the median interval
-DUPLICATE = 1e-12  # of the span: closer times are duplicates
+DUPLICATE, SHORTEST = 1e-12, 1e-306  # of the span, and s: closer times are duplicates; rates would overflow
 MOST_STARTS, LATE = 10, 0.02  # times that a clock may start again; of all rows, those that are then behind
 PARTS, MANY, FEWEST = 4, 1 / 3, 4  # times look rounded where more rows of each part are duplicates; of different times
 
@@ -263,7 +263,7 @@ def _ordered(t: Array, rows: NDArray[np.int64], notes: list[InputWarning], lines
         notes.append(InputWarning("unsorted-times", place=first))
         rows = rows[np.argsort(t[rows], kind="stable")]
     span = float(t[rows[-1]] - t[rows[0]]) if rows.size else 0.0
-    duplicate = np.append(False, np.diff(t[rows]) <= DUPLICATE * span)[: rows.size]
+    duplicate = np.append(False, np.diff(t[rows]) <= max(DUPLICATE * span, SHORTEST))[: rows.size]
     if duplicate.any():
         fields = _rounded(t[rows], duplicate) if not late.size else {}
         first = place(int(rows[duplicate].min()), lines)

@@ -14,7 +14,7 @@ from nontwist.driver import grid, notices
 from nontwist.errors import RunFileError, SimulationError
 from nontwist.exact import nontwisting_body
 from nontwist.integrators import INTEGRATORS, IVP, Continuous, continuous, exact_solution
-from nontwist.integrators.costs import Cost
+from nontwist.integrators.costs import Cost, seconds_of_call
 from nontwist.models.stack import stacked
 from nontwist.runfile import read_run_file
 from nontwist.runfile.document import forecast
@@ -128,6 +128,17 @@ def test_forecasts_count_the_calls_of_functions_in_python():
 
     at = nt.Problem(STANDARD, load=nt.moment(slow), t_end=100, material_angular_velocity=(0.1, 2, 0)).forecast()
     assert at.seconds > 0.1 * at.steps  # four stages or more, each called often
+
+
+def test_a_call_that_waits_is_not_the_cost():
+    """Of calls that take 30, 20, 10 and 0 ms: a busy machine lets some wait."""
+    delays = iter([0.03, 0.02, 0.01] + [0.0] * 10)
+    load = nt.moment(lambda t, directors, w: (sleep(next(delays)), -w)[1])
+    assert seconds_of_call(load, problem(FREE, load)) < 9e-3
+    asked = []
+    slow = nt.moment(lambda t, directors, w: (asked.append(t), sleep(0.06), -w)[2])
+    assert seconds_of_call(slow, problem(FREE, slow)) >= 0.06
+    assert len(asked) == 2
 
 
 def test_seven_outputs_of_a_function_in_python_take_fewer_calls_than_figures():

@@ -189,7 +189,7 @@ def settled(readings: Sequence[Reading], given: Evidence) -> tuple[Reading | Non
     InputError
         Several readings fit, and none of them is stated; or none that is allowed fits best.
     """
-    made = {one.make: replace(one, inverse=False).quaternions(given.rows) for one in readings if given.beside}
+    made = {one.make: one.quaternions(given.rows) for one in readings if given.beside and not one.inverse}
     quats = [made[one.make] * (CONJUGATE if one.inverse else 1.0) for one in readings if given.beside]
     k = next((k for k, one in enumerate(readings) if one.allowed and one.stated), -1)
     stated = readings[k] if k >= 0 else None

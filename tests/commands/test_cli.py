@@ -26,7 +26,7 @@ from nontwist.runfile.document import Integrator, Start, Time
 from refusals import said
 
 
-def test_reproduce_prints_tables_and_exits_with_0(tmp_path):
+def test_reproduce_prints_tables(tmp_path):
     result = ended(0, "reproduce", "--case", "1", "--quick", "--out", str(tmp_path))
     assert "20.571428571" in result.stdout
     assert "3.994933" in result.stdout
@@ -51,7 +51,7 @@ for command, slow in {COMMANDS}.items():
 """
 
 
-def test_commands_import_nothing_that_is_slow_and_not_needed(tmp_path):
+def test_commands_import_little(tmp_path):
     command = [sys.executable, "-c", IMPORTING]
     done = subprocess.run(command, check=True, capture_output=True, text=True, cwd=tmp_path)
     lines = done.stdout.splitlines()
@@ -88,7 +88,7 @@ def test_twist_of_the_recording(tmp_path):
 
 
 @pytest.mark.usefixtures("here")
-def test_a_body_of_a_recording_is_viewed():
+def test_body_of_recording_is_viewed():
     t = np.linspace(0, 1, 20)
     quaternions = {f"{name}_q{x}": np.full(20, float(x == "w")) for name in ("upper", "fore") for x in "wxyz"}
     pandas.DataFrame({"time (s)": t} | quaternions).to_csv("two.csv", index=False)
@@ -97,7 +97,7 @@ def test_a_body_of_a_recording_is_viewed():
     assert Path("x.png").exists()
 
 
-def test_options_say_how_a_recording_is_read(tmp_path):
+def test_reading_options(tmp_path):
     assert [parse_axis(text).tolist() for text in ("x", "0.1,0.2,0.97")] == [[1, 0, 0], [0.1, 0.2, 0.97]]
     recording = pandas.read_csv(IMU)
     R, t = rotation(recording), recording["Time (s)"].to_numpy()
@@ -117,7 +117,7 @@ def test_options_say_how_a_recording_is_read(tmp_path):
         assert run.time.values == pytest.approx(t / unit)
 
 
-def test_a_damaged_npz_file_is_reported_in_a_line(tmp_path):
+def test_damaged_npz_file(tmp_path):
     data, rng = tmp_path / "data.npz", np.random.default_rng(0)
     np.savez_compressed(data, quaternion=np.tile([0.0, 0, 0, 1], (20, 1)), t=np.arange(20.0))
     sound = data.read_bytes()
@@ -131,7 +131,7 @@ def test_a_damaged_npz_file_is_reported_in_a_line(tmp_path):
     assert (result.exit_code, result.stderr.count("\n")) == (3, 1)
 
 
-def test_a_recording_without_headers_and_without_times(tmp_path, monkeypatch):
+def test_recording_without_headers_or_times(tmp_path, monkeypatch):
     """Warnings of a row that is left out go to stderr."""
     _, result = twisted(tmp_path, "--no-figure")
     _, *lines = IMU.read_text(encoding="utf-8").splitlines(keepends=True)
@@ -284,7 +284,7 @@ def test_how_commands_end(code, line, place, monkeypatch):
 
 
 @pytest.mark.parametrize("command", [one.name for one in app.registered_commands])
-def test_help_fits_the_terminal_and_ends_with_the_option_of_all_commands(command):
+def test_help_fits_the_terminal(command):
     width = 60
     shown = CliRunner().invoke(app, [command, "--help"], terminal_width=width - 2).stdout
     text, _, tables = re.split(r"\n(Arguments|Options):\n", shown, maxsplit=1)
@@ -305,13 +305,13 @@ def test_help_fits_the_terminal_and_ends_with_the_option_of_all_commands(command
     assert "-h, --help" in tables
 
 
-def test_the_options_of_twist_have_the_defaults_of_python():
+def test_twist_options_default_as_python():
     own, plain = (inspect.signature(one).parameters for one in (command(twist_command), twist))
     shared = ("axis", "axis_frame", "order", "scalar_first")
     assert [own[name].default for name in shared] == [plain[name].default for name in shared]
 
 
-def test_run_files_have_the_defaults_of_simulate():
+def test_run_files_default_as_simulate():
     plain = {name: one.default for name, one in inspect.signature(simulate).parameters.items()}
     tables = {**Time.model_fields, **Start.model_fields}
     for name in tables.keys() & plain.keys() - {"t_end", "t_start", "rotation", "angular_velocity"}:
@@ -320,7 +320,7 @@ def test_run_files_have_the_defaults_of_simulate():
     assert (fields["name"].default, fields["order"].default) == (plain["integrator"], plain["order"])
 
 
-def test_a_read_only_file_system_is_answered_with_the_option_of_another_place():
+def test_read_only_file_system():
     error, words = OSError(errno.EROFS, "Read-only file system", "a.nc"), "Read-only file system; --out names another"
     assert outcomes._message(error) == f"a.nc: {words} place to write to"
     with pytest.raises(outcomes.CommandError) as told, outcomes.about("cannot write a.nc", OSError):

@@ -65,7 +65,7 @@ def test_info_tells_all(files):
     assert re.search(rf"total.* {psi:.4g} rad \({np.degrees(psi):.4g}°\)", turned)
 
 
-def test_info_as_json_holds_the_numbers(files):
+def test_info_as_json(files):
     result = nontwist("info", files / "free.nc", "--json")
     facts, run = json.loads(result.stdout), open_run(files / "free.nc")
     assert facts["system"] == json.loads(run.attrs["system"])
@@ -79,7 +79,7 @@ def test_info_as_json_holds_the_numbers(files):
     assert facts["twist_defect"] == abs(run["twist_rate"].values).max()
 
 
-def test_csv_reads_back_bit_for_bit(files, tmp_path, monkeypatch):
+def test_csv_is_exact(files, tmp_path, monkeypatch):
     """On stdout, in a file, and in blocks of any size."""
     run, shown = open_run(files / "top.nc"), nontwist("export", files / "top.nc").stdout
     ended(0, "export", files / "top.nc", "--out", tmp_path / "top.csv")
@@ -100,7 +100,7 @@ def test_csv_reads_back_bit_for_bit(files, tmp_path, monkeypatch):
     assert table["newton_iterations"] == ("", *map(str, run["newton_iterations"].values))
 
 
-def test_npz_and_json_hold_the_columns_and_the_record(files, tmp_path):
+def test_npz_and_json_columns(files, tmp_path):
     """And what is not finite is null in JSON."""
     run = open_run(files / "top.nc")
     ended(0, "export", files / "top.nc", "--to", "npz", "--out", tmp_path / "top.npz")
@@ -145,7 +145,7 @@ def test_angles_are_exported_in_degrees(files, tmp_path, name, kind):
         assert found == pytest.approx(scale * np.asarray(column, dtype=float), rel=1e-15, abs=0, nan_ok=True)
 
 
-def test_a_twist_is_exported_in_degrees_as_the_command_writes_it(files, tmp_path):
+def test_twist_is_exported_in_degrees(files, tmp_path):
     columns = "twist_angle,twist_rate,swing_twist_angle,solid_angle,path_length,error_estimate,noise_estimate"
     ended(0, "twist", files / "free.nc", "--csv", "--degrees", "--no-figure", "--out", tmp_path / "o")
     assert np.array_equal(open_run(tmp_path / "o.nc").twist_angle, open_run(files / "twist.nc").twist_angle)
@@ -154,7 +154,7 @@ def test_a_twist_is_exported_in_degrees_as_the_command_writes_it(files, tmp_path
     assert one[sorted(one)].equals(other[sorted(other)])
 
 
-def test_chosen_columns_are_exported_with_their_times(files):
+def test_chosen_columns_have_times(files):
     """With decimal commas for spreadsheets, where wanted."""
     place = files / "free.nc"
     plain = nontwist("export", place, "--columns", "kinetic_energy, angular_velocity").stdout
@@ -169,7 +169,7 @@ def test_chosen_columns_are_exported_with_their_times(files):
     assert "there is no variable 'kinetic_energi'; did you mean kinetic_energy? known are directors, " in unknown
 
 
-def test_info_describes_a_choice_of_variables_of_a_file_with_a_blank_in_its_name(files, tmp_path):
+def test_info_of_chosen_variables(files, tmp_path):
     place = tmp_path / "some variables.nc"
     save_run(open_run(files / "free.nc")[["kinetic_energy"]], place)
     result = ended(0, "info", place)
@@ -189,7 +189,7 @@ def test_tables_cut_no_name(files, width):
     ended(0, "info", files / "top.nc", COLUMNS="9")  # no room for a word of each column
 
 
-def test_tables_fit_the_terminal_and_units_are_written_one_way(capsys, monkeypatch):
+def test_tables_fit_the_terminal(capsys, monkeypatch):
     """A word that is wider is folded; a title may be wider than its table."""
     monkeypatch.setenv("COLUMNS", "30")
     print_rows("title", {"name": "a" * 40})
@@ -204,7 +204,7 @@ def test_tables_fit_the_terminal_and_units_are_written_one_way(capsys, monkeypat
     assert {unit: shown_unit(unit) for unit in units} == units
 
 
-def test_a_sealed_file_without_times_is_refused(files, tmp_path):
+def test_sealed_file_without_times(files, tmp_path):
     """And one without a title is told of."""
     path, version = tmp_path / "run.nc", {"format_version": 1}
     for command, data in (
@@ -221,7 +221,7 @@ def test_a_sealed_file_without_times_is_refused(files, tmp_path):
 
 @pytest.mark.long  # in the quick suite: commands/test_run_command.py, a closed pipe
 @pytest.mark.skipif(os.name != "posix", reason="a shell with head")
-def test_a_reader_that_stops_is_no_error(files):
+def test_reader_stops_early(files):
     assert len(nontwist("export", files / "free.nc").stdout) > 76_000  # more than a pipe and head take
     command = f"{sys.executable} -m nontwist export {files / 'free.nc'} | head -n 3; echo ${{PIPESTATUS[0]}}"
     done = subprocess.run(["bash", "-c", command], capture_output=True, text=True, check=False)
@@ -237,7 +237,7 @@ load = [{ kind = "pulse", frame = "body", amplitude = [1, 0, 0], end = 0.7 }]
 """
 
 
-def test_times_of_a_twist_and_steps_of_a_run_are_those_that_the_other_commands_print(write, tmp_path):
+def test_exported_counts_equal_printed_ones(write, tmp_path):
     t = 293.58 + 0.1 * np.arange(60)
     assert repr(float(t[-1])) == "299.47999999999996"
     save_run(twist(np.tile([0.0, 0, 0, 1], (60, 1)), t, scalar_first=False), tmp_path / "twist.nc")

@@ -97,7 +97,7 @@ def test_the_first_five_minutes(here):
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_the_time_that_figures_take_is_told(here, monkeypatch):
+def test_time_of_figures(here, monkeypatch):
     here(BODY + TIME + START)
     now = [0.0]
 
@@ -118,7 +118,7 @@ def test_the_time_that_figures_take_is_told(here, monkeypatch):
     assert "2 s, with start-up  " in ended(0, "run", "run.toml", "--force").stdout
 
 
-def test_numbers_as_json_of_the_run_of_simulate(here):
+def test_json_numbers_equal_simulate(here):
     here(BODY + TIME + START)
     found = numbers_of("run", "run.toml", "--set", "title='[\"été\"]'")
     run, problem = open_run("run.nc"), Problem.read("run.toml")
@@ -136,7 +136,7 @@ def test_numbers_as_json_of_the_run_of_simulate(here):
     assert found == names | times | {"status": 0, "message": "done", "integrator": scheme}
 
 
-def test_quiet_prints_nothing_but_warnings_and_errors(here):
+def test_quiet_prints_warnings_only(here):
     here()
     coarse = ["--set", "start.angular_velocity={ body = [17, 0, 0] }", "--set", 'integrator.name="lie-midpoint"']
     for command in ("check", "run"):
@@ -148,7 +148,7 @@ def test_quiet_prints_nothing_but_warnings_and_errors(here):
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_figures_have_as_many_states_as_they_need(here, monkeypatch):
+def test_states_of_figures(here, monkeypatch):
     """Twelve steps of 50 degrees, and curves of a hundred states; of fine steps those of the run."""
     drawn = []
     monkeypatch.setattr(plot, "path", lambda run: drawn.append(run) or plot.new_axes()[0])
@@ -163,7 +163,7 @@ def test_figures_have_as_many_states_as_they_need(here, monkeypatch):
     assert drawn[1].sizes["time"] == open_run("run.nc").sizes["time"] == 501
 
 
-def test_step_and_tolerance_replace_each_other(here):
+def test_step_and_tolerance_exclude(here):
     """On the command line, where a key of the file cannot be left out otherwise; KEY= removes any."""
     here(BODY + "[time]\nt_end = 1\ntolerance = 1e-6\n")
     for options, step, tolerance in (
@@ -184,7 +184,7 @@ def test_step_and_tolerance_replace_each_other(here):
     assert target.stderr.startswith("run.toml: body.kind: missing -> ")
 
 
-def test_a_tolerance_for_too_many_steps_is_refused(here):
+def test_tolerance_of_too_many_steps(here):
     start = START.replace("0.3, 0.2", "30, 20")
     here(BODY + start + "[time]\nt_end = 1\ntolerance = 1e-20\n[integrator]\nname = 'lie-midpoint'\n")
     said(re.sub(r"\de\+\d\d", "N", nontwist("check", "run.toml").stderr))
@@ -204,7 +204,7 @@ def test_paths_of_results(here):
     assert files() == sorted(["run.toml", f"sub/{own}.toml", *results, *figures])
 
 
-def test_a_failed_run_keeps_its_states_and_the_next_file_runs(here):
+def test_failed_run_keeps_its_states(here):
     here(PUSHED, "pushed.toml")
     here()
     result, kept = ended(4, "run", "pushed.toml", "run.toml", "--json"), open_run("pushed.nc")
@@ -227,7 +227,7 @@ def test_a_failed_run_keeps_its_states_and_the_next_file_runs(here):
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
-def test_an_interrupted_run_keeps_its_states(number, here, monkeypatch, request):
+def test_interrupted_run_keeps_its_states(number, here, monkeypatch, request):
     """The signal comes where the loads of the second half are sampled, block by block."""
     usual = signal.default_int_handler if number == signal.SIGINT else signal.SIG_DFL
     before = signal.signal(number, usual)  # jobs in the background of a shell, or under nohup, ignore it
@@ -263,7 +263,7 @@ def test_check_as_json(here):
 SECOND_QUOTIENTS = [3.987879, 3.985380, 3.984407, 3.983256, 3.981796]  # case 2, solved to round-off
 
 
-def test_precision_gives_the_papers_second_quotients_and_errors(here):
+def test_precision_second_quotients(here):
     nontwist("example", "case2")
     found, shown = numbers_of("precision", "case2.toml"), ended(0, "precision", "case2.toml").stdout
     assert found["second_quotients"] == pytest.approx(SECOND_QUOTIENTS, abs=2e-6)
@@ -278,7 +278,7 @@ def test_precision_gives_the_papers_second_quotients_and_errors(here):
     assert error == pytest.approx(lag, rel=1e-2)
 
 
-def test_precision_says_when_an_order_differs_or_cannot_be_seen(here):
+def test_precision_of_unseen_orders(here):
     here(f'{BODY}{START}{TIME}[[load]]\nkind = "pulse"\nframe = "body"\namplitude = [9, 0, 0]\nend = 0.57\n')
     coarse = "expected 8: FAIL: the step is too coarse, or the load"
     shown = ended(1, "precision", "run.toml")
@@ -300,7 +300,7 @@ MIDPOINT = '[integrator]\nname = "lie-midpoint"\n'
 REST = f'{BODY}[start]\nrun = "run.nc"\n[time]\nt_start = 1.0\nt_end = 2.0\nstep = 0.1\n{MIDPOINT}'
 
 
-def test_a_run_file_resumes_a_run_bit_for_bit(here):
+def test_resumed_run_is_exact(here):
     here(BODY + START + TIME + MIDPOINT)
     here(REST, "rest.toml")
     ended(0, "run", "run.toml")
@@ -321,7 +321,7 @@ OUTPUTS = ("step=", "store=3", "times={ every = 0.05 }")
 @pytest.mark.parametrize(
     "example", [pytest.param(n, marks=[pytest.mark.long] * (n != "case1")) for n in example_names()]
 )
-def test_every_integrator_tells_what_it_will_do_and_has_done_with_every_output(here, example):
+def test_check_and_run_agree(here, example):
     ended(0, "example", example)
     file, result = f"{example}.toml", f"{example}.nc"
     schemes, quick = INTEGRATORS.items(), example == "case1"
@@ -337,7 +337,7 @@ def test_every_integrator_tells_what_it_will_do_and_has_done_with_every_output(h
         assert ("(automatic)" in checked.stdout) == (step == "" and has_steps) or output == "step=", checked.stdout
 
 
-def test_the_dissipation_of_an_integrator_is_told(here):
+def test_dissipation_is_printed(here):
     here(BODY + TIME + START)
     how = ["--set", 'integrator={name="lie-midpoint", options={dissipation=0.25}}']
     assert "lie-midpoint, order 2, dissipation 0.25" in nontwist("check", "run.toml", *how).stdout
@@ -381,7 +381,7 @@ def test_compare(here):
     assert " ".join(shown.split()).endswith(reason)
 
 
-def test_examples_are_copied_to_the_given_folder(here):
+def test_examples_are_copied(here):
     Path("sub").mkdir()
     text = nontwist("example", "case1", "--out", "-").stdout
     assert text.startswith("# Case 1 of the paper")
@@ -406,13 +406,13 @@ NONTWIST = [sys.executable, "-m", "nontwist"]
 
 
 @pytest.mark.skipif(os.name != "posix", reason="needs a shell that closes streams")
-def test_a_closed_stream_is_taken_as_an_empty_one(here):
+def test_closed_stream_is_empty(here):
     """All of them, as a recording without a line is refused."""
     result = process("sh", "-c", f"{shlex.join(NONTWIST)} twist - <&- >&- 2>&-", stdout=subprocess.PIPE)
     assert (result.returncode, result.stdout, result.stderr, files()) == (3, "", "", [])
 
 
-def test_a_closed_pipe_is_no_error_and_a_full_disk_is_one(here, capsys, monkeypatch):
+def test_closed_pipe_and_full_disk(here, capsys, monkeypatch):
     """Also as stdout is closed, which writes what is left."""
     here()
     reading, writing = os.pipe()
@@ -435,13 +435,13 @@ def test_colours(here):
     assert "\x1b[31m" not in nontwist("check", "run.toml", FORCE_COLOR="1", NO_COLOR="1").stderr
 
 
-def test_the_shell_completes_names_of_examples():
+def test_shell_completes_examples():
     words = {"COMP_WORDS": "nontwist example heav", "COMP_CWORD": "2", "_PYTHON _M NONTWIST_COMPLETE": "complete_bash"}
     done = CliRunner().invoke(app, [], env={"_NONTWIST_COMPLETE": "complete_bash", **words}, prog_name="nontwist")
     assert done.stdout.strip() == "heavy_top"
 
 
-def test_exceptions_that_no_command_here_raises_have_their_exit_codes():
+def test_exit_codes_of_other_exceptions():
     assert [code_of(error) for error in (MemoryError(), ImportError(), KeyError())] == [4, 2, None]
 
 
@@ -452,7 +452,7 @@ def a_pulse(start, end):
 TARGET = ["precision", "run.toml", "--target", "1e-9"]
 
 
-def test_the_step_of_a_target_can_be_passed_on(here):
+def test_step_of_precision_is_usable(here):
     """Where steps differ from breakpoint to breakpoint, the one that is printed divides the span and has them all."""
     here(BODY + START + "[time]\nt_end = 20\n" + a_pulse(0.37, 1.21))
     shown = nontwist(*TARGET).stdout
@@ -476,7 +476,7 @@ def test_the_step_of_a_target_can_be_passed_on(here):
     assert "next:" not in many.stderr
 
 
-def test_a_target_finds_the_order_whatever_the_file_has(here, monkeypatch):
+def test_precision_finds_the_order(here, monkeypatch):
     here(BODY + START + "[time]\nt_end = 20\nstep = 0.01\n")
     found = numbers_of(*TARGET)
     here(BODY + START + '[time]\nt_end = 20\nstep = 0.01\n[integrator]\nname = "gauss"\norder = 4\n')
@@ -499,7 +499,7 @@ def test_a_target_finds_the_order_whatever_the_file_has(here, monkeypatch):
         assert numbers_of(*TARGET, "--set", choice)["order"] == order
 
 
-def test_the_time_of_a_target_is_that_of_a_run_with_the_output_of_the_file(here, monkeypatch):
+def test_time_of_precision(here, monkeypatch):
     here(BODY + START + "[time]\nt_end = 20\nstep = 0.01\ntimes = { every = 0.004 }\n")
     timed = []
     place = "nontwist.comparison.comparing.shortest_times"
@@ -509,7 +509,7 @@ def test_the_time_of_a_target_is_that_of_a_run_with_the_output_of_the_file(here,
     assert run.time == pytest.approx(np.arange(5001) * 0.004)
 
 
-def test_steps_and_time_of_a_run_that_an_event_ends_are_those_taken(here):
+def test_steps_until_an_event(here):
     """On a grid that breakpoints divide, too; the last step counts where it is not whole, the time has all digits."""
     event = '[[event]]\nkind = "axis-crosses"\nnormal = [0, 0, 1]\ncosine = 0.99\nterminal = true\n'
     for load in ("", a_pulse(0.3, 0.5)):

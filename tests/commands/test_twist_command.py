@@ -38,7 +38,7 @@ def tilted(size, spin):
     return Rotation.from_quat(np.concatenate([xy, spin * T[:, None], np.ones((T.size, 1))], axis=1))
 
 
-def test_an_export_of_a_run_is_read_as_it_is_written(tmp_path):
+def test_exported_run_is_read(tmp_path):
     how = {"rotation": Rotation.from_rotvec([1.5, 0, 0]), "material_angular_velocity": (0.2, 0.1, 3)}
     run = simulate(standard([1, 2, 2.5]), t_end=2, step=0.01, **how)
     save_run(run, tmp_path / "run.nc")
@@ -48,7 +48,7 @@ def test_an_export_of_a_run_is_read_as_it_is_written(tmp_path):
     assert open_run(tmp_path / "o.nc").twist_angle[-1] == pytest.approx(float(twist(run).twist_angle[-1]), abs=1e-4)
 
 
-def test_round_off_is_printed_as_0(tmp_path):
+def test_round_off_prints_0(tmp_path):
     options = [written(tmp_path / "a.csv", tilted(1e-80, 1e-15), T), "--degrees"]
     shown = rows(command(tmp_path, *options))
     assert re.fullmatch(r"0° \(0 turns; sampling ± .*, noise ± 0°\)", shown["total twist"])
@@ -63,7 +63,7 @@ def test_round_off_is_printed_as_0(tmp_path):
     assert 0 < facts["largest_turn_between_samples"] < 1e-14
 
 
-def test_what_is_more_than_round_off_is_printed(tmp_path):
+def test_small_values_are_printed(tmp_path):
     shown = rows(command(tmp_path, written(tmp_path / "a.csv", tilted(0.0, 1e-12), T)))
     assert shown["total twist"].startswith("3.98e-12 rad (6.334e-13 turns; ")
     assert shown["swing-twist angle"] == "3.98e-12 rad"
@@ -75,7 +75,7 @@ def test_what_is_more_than_round_off_is_printed(tmp_path):
     assert shown["±"].replace("|", " ") == f"{noise}; of sampling, an estimate of the error"
 
 
-def test_rates_are_printed_to_what_their_noise_supports(tmp_path):
+def test_printed_digits_of_rates(tmp_path):
     """One digit of the noise, the rate to the same place, both without exponents.
 
     Central differences of angles with white noise σ at intervals h have σ/(√2 h): the scatter of the rates.
@@ -114,7 +114,7 @@ ROUNDED = [
 ]  # fmt: skip
 
 
-def test_numbers_that_read_plainly_have_no_exponent_and_end_where_their_uncertainty_does():
+def test_printed_numbers_are_plain():
     """An uncertainty is not understated."""
     assert [number_text(number, spec) for number, spec, _ in PLAINLY] == [text for *_, text in PLAINLY]
     assert [error_text(error) for error, _ in ERRORS] == [text for _, text in ERRORS]
@@ -126,7 +126,7 @@ def turning(t):
     return Rotation.from_euler("ZYX", np.stack([0.8 * np.sin(t), 0.5 * np.sin(2 * t), 0.3 * t], axis=1))
 
 
-def test_a_gap_that_makes_the_error_is_named(tmp_path):
+def test_gap_behind_the_error(tmp_path):
     t = np.arange(2000) / 100
     gap = t[(t < 8) | (t > 9.9)]
     shown = rows(command(tmp_path, written(tmp_path / "a.csv", turning(gap), gap), "--degrees"))
@@ -137,7 +137,7 @@ def test_a_gap_that_makes_the_error_is_named(tmp_path):
     assert "gap" not in rows(command(tmp_path, written(tmp_path / "b.csv", turning(t), t)))["total twist"]
 
 
-def test_the_identity_of_the_angles_can_be_read_from_the_summary_in_degrees(tmp_path):
+def test_twist_identity_in_degrees(tmp_path):
     """τ - ψ = Ω modulo 360°, and the modulus is named where it matters alone."""
     for k, turns in enumerate((0.2, 3.0)):
         t = np.arange(1000) / 100
@@ -153,7 +153,7 @@ def test_the_identity_of_the_angles_can_be_read_from_the_summary_in_degrees(tmp_
         assert (round(off / 360) != 0) == (turns > 1)
 
 
-def test_a_direction_that_is_the_same_for_both_sensors_is_printed_once(tmp_path):
+def test_common_direction_is_printed_once(tmp_path):
     one, two = written(tmp_path / "a.csv", turning(T), T), written(tmp_path / "b.csv", turning(T).inv(), T)
     result = command(tmp_path, one, "--relative-to", two, "--clocks", "shared")
     shown, told = rows(result), "direction: taken as sensor to earth, which nothing in the file confirms"
@@ -166,7 +166,7 @@ def test_a_direction_that_is_the_same_for_both_sensors_is_printed_once(tmp_path)
     assert "both sensors" not in own
 
 
-def test_a_twist_far_below_its_error_is_printed_as_0(tmp_path):
+def test_twist_below_its_error(tmp_path):
     """The axis goes along a path with noise, and back along the same, where the body is turned by 1e-7 rad."""
     noise = Rotation.from_rotvec(1e-3 * np.random.default_rng(0).standard_normal((100, 3)))
     there = noise * Rotation.from_rotvec(np.outer(np.linspace(0, 1, 100), [1, 0, 0]))
@@ -178,7 +178,7 @@ def test_a_twist_far_below_its_error_is_printed_as_0(tmp_path):
     assert rows(command(tmp_path, *order))["total twist"].startswith("0 rad (0 turns; sampling ± ")
 
 
-def test_errors_of_an_alignment_are_said_to_be_left_out(tmp_path):
+def test_alignment_errors_are_left_out(tmp_path):
     t, fore, s, arm, _ = recordings(20, (100, 61.7), late=10.0)
     one, two = written(tmp_path / "a.csv", fore, t), written(tmp_path / "b.csv", arm, s)
     shown = rows(command(tmp_path, one, "--relative-to", two, "--align", "static", "--clocks", "shift"))["alignment"]
@@ -191,7 +191,7 @@ def test_errors_of_an_alignment_are_said_to_be_left_out(tmp_path):
     assert "errors" not in plain["alignment"]
 
 
-def test_the_result_of_a_twist_is_shown_and_not_twisted_again(tmp_path):
+def test_twist_result_is_shown(tmp_path):
     command(tmp_path, written(tmp_path / "a.csv", tilted(0.1, 1.0), T), "--axis=-Y")
     assert open_run(tmp_path / "o.nc").attrs["axis"] == pytest.approx([0, -1, 0])
     said(ended(3, "twist", tmp_path / "o.nc", "--out", tmp_path / "p").stderr)
@@ -199,7 +199,7 @@ def test_the_result_of_a_twist_is_shown_and_not_twisted_again(tmp_path):
     ended(0, "view", tmp_path / "o.nc", "--no-open", "--out", tmp_path / "o.html")
 
 
-def test_a_recording_is_not_overwritten_by_its_twist(tmp_path):
+def test_recording_is_not_overwritten(tmp_path):
     """Not by --force either."""
     file = written(tmp_path / "a.csv", tilted(0.0, 0.1), T)
     before = Path(file).read_bytes()

@@ -96,7 +96,7 @@ def test_what_was_refused_still_is(quick):
         assert isinstance(outcome(problem), dict) if is_reduced else outcome(problem) == name, problem
 
 
-def test_every_choice_of_the_registries_is_in_the_array():
+def test_array_covers_the_registries():
     assert len(ROWS) >= 300
     for place, names in enumerate(factors()):
         assert set(names) == {row[place] for row in ROWS}

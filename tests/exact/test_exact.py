@@ -75,7 +75,7 @@ def test_every_branch_against_40_digits(branch):
 
 
 @pytest.mark.parametrize("W", [[1.5, 1, 1.95], [1.5, 1, 1.94], [1 / 3, 1e-3, 0.91 / 5], [1 / 3, 1e-3, 0.92 / 5]])
-def test_all_phases_where_the_nome_is_largest(W):
+def test_phases_at_the_largest_nome(W):
     """k² on both sides of 1/2 and both poles: the last terms of the series count, each somewhere in the period."""
     T = nt.exact.momentum_period([3, 4, 5], W)
     times = np.linspace(-T / 4, T, 21)
@@ -106,7 +106,7 @@ def test_degenerate_bodies_and_permanent_rotations(case):
 
 
 @pytest.mark.parametrize(("J", "W"), [(FULL, [3, -1, 0.3]), (2 * np.eye(3) + 1e-9 * FULL, [1, 2, 3])])
-def test_principal_axes_that_are_not_the_directors(J, W):
+def test_principal_axes_off_the_directors(J, W):
     t = turns(W, 3)
     got, velocity = nt.exact.free_standard(J, W, [t])
     R, w = reference.taylor_top(J, W, t)
@@ -131,7 +131,7 @@ def test_chained_calls_do_not_drift():
 
 
 @pytest.mark.long
-def test_chained_calls_do_not_drift_over_a_million_steps():
+def test_million_chained_calls():
     """They grow like n^0.5, to twice of which n^0.6 leaves room: more than the scatter of eight starts."""
     few, many = (np.array([chained(n, start) for start in range(m)]) for n, m in ((1000, 100), (1_000_000, 8)))
     assert np.abs(many).max() < 1e-12
@@ -161,7 +161,7 @@ def test_start_and_order_of_times():
 
 @pytest.mark.parametrize("body", [nt.standard, nt.nontwisting])
 @pytest.mark.parametrize("integrator", ["exact", "split"])
-def test_turns_of_which_no_digit_is_left_are_refused(body, integrator):
+def test_turns_without_a_digit(body, integrator):
     run = {"t_end": 1.0, "step": 0.5, "integrator": integrator}
     assert np.isfinite(nt.integrate(body([3, 4, 5]), material_angular_velocity=(0, 5e14, 0), **run).directors).all()
     words = "the body turns by more than 1e+15 rad: round-off leaves no digit of its attitude"
@@ -180,7 +180,7 @@ W_SUSLOV = np.array([1.0, -2.0, 0.1])  # 0.3 - 0.4 + 0.1 = 0
 FINE = Continuous(rtol=1e-13, atol=1e-14)
 
 
-def test_the_discrete_scheme_in_closed_form():
+def test_discrete_scheme():
     """Of lie-midpoint; of energy-momentum: nontwist.validation."""
     W, h = [6, -18, 0], 0.02
     run = nt.integrate(nt.nontwisting(PAPER_J), t_end=2, step=h, material_angular_velocity=W, integrator="lie-midpoint")
@@ -207,7 +207,7 @@ def test_accuracy_of_the_second_quotient(W, h):
     assert nt.exact.discrete_second_quotient([1e-300, 0, 0], 1e-80, [0, 1e-80]) == pytest.approx(4, rel=1e-15)
 
 
-def test_suslov_from_the_equilibrium_that_repels():
+def test_suslov_from_the_unstable_equilibrium():
     """Other motions are checks of validation."""
     J, W, times = [[3, 0, 0.4], [0, 4, -0.3], [0.4, -0.3, 5]], np.array([0.3, -0.4001, 0.0]), [9.0, 0.0, 3.0]
     for R, w, t in zip(*nt.exact.suslov(J, [0, 0, 2], W, times), times, strict=True):
@@ -225,7 +225,7 @@ STRONG = np.array([[2, 0, 0.8], [0, 2.5, -0.6], [0.8, -0.6, 3]])
 START = np.array([-1, 0.4, 0])
 
 
-def test_suslov_long_after_it_has_settled():
+def test_suslov_after_settling():
     """50 digits until W is steady, from there exp(t Ŵ) of the W that the energy gives: round-off of the turn."""
     settled, times = 80.0, np.array([80.0, 81.0, 1e6, 1e8, 1e12])
     attitude, velocity = nt.exact.suslov(STRONG, [0, 0, 1], START, times)
@@ -252,7 +252,7 @@ FREE = {
 
 
 @pytest.mark.parametrize("case", FREE)
-def test_the_integrator_against_the_continuous_equations(case):
+def test_integrator_solves_the_continuous_equations(case):
     body, W, load = FREE[case]
     how = {"t_start": 0.1, "times": [0.1, 0.35, 1, 1.7], "rotation": Rotation.from_rotvec([1, 2, 3])}
     how |= {"material_angular_velocity": W, "load": load}
@@ -265,7 +265,7 @@ def test_the_integrator_against_the_continuous_equations(case):
 
 
 @pytest.mark.filterwarnings("error")
-def test_a_spin_about_one_axis_of_the_body_does_not_warn():
+def test_spin_about_one_axis():
     """μ = (J W × W)·D3 + M3 is that of the load alone."""
     start = {"rotation": nt.rotations.exp([1e-293, 0.2, 0]), "material_angular_velocity": (0, -3, 0)}
     load = nt.pulse([0, 0, 2.0], 0, 1, shape="rectangle")

@@ -62,7 +62,7 @@ def past_a_saddle(d):
 
 
 @pytest.mark.parametrize("d", thinned(3, [1e-3, 1e-6, 1e-9]))
-def test_past_a_saddle_the_error_stays_round_off(d):
+def test_error_past_a_saddle(d):
     """Half a period and more from the permanent rotation: an ulp of the start has grown by some 1/d."""
     W, T = past_a_saddle(d)
     R, _ = exact.free_gyrostat(FULL, UNSTABLE, W, [0.55 * T])
@@ -70,7 +70,7 @@ def test_past_a_saddle_the_error_stays_round_off(d):
     assert distance(R[0], wanted) < 5e-14
 
 
-def test_the_period_grows_with_the_logarithm_of_the_distance_from_a_saddle():
+def test_period_near_a_saddle():
     """By 2 ln(1000)/σ where the distance falls by 1000, σ its rate of growth; a thousandth of 1e-9 has lost digits."""
     rate = np.linalg.inv(FULL) @ (rotations.hat(FULL @ AXIS + UNSTABLE) - rotations.hat(AXIS) @ FULL)
     periods = np.array([past_a_saddle(d)[1] for d in (1e-3, 1e-6, 1e-9)])
@@ -78,7 +78,7 @@ def test_the_period_grows_with_the_logarithm_of_the_distance_from_a_saddle():
     assert periods[2] - periods[1] == pytest.approx(2 * np.log(1000) / max(np.linalg.eigvals(rate).real), rel=2e-5)
 
 
-def test_long_motions_keep_momentum_energy_and_phase():
+def test_long_motions_keep_invariants():
     """To 10³/|W| against gauss of order 16, whose steps leave round-off alone; the phase is in the attitude."""
     r = np.random.default_rng(6)
     for _ in range(6):
@@ -93,7 +93,7 @@ def test_long_motions_keep_momentum_energy_and_phase():
         assert np.sum(w @ J * w, axis=1) == pytest.approx(W @ J @ W, rel=1e-13)
 
 
-def test_without_rotors_it_is_the_free_body():
+def test_free_body_without_rotors():
     """With 0 to the last bit; the limit is of order 1, and with 1e-200 reached."""
     W, times = [0.3, 1, -0.4], [-3, 0, 40]
     free = exact.free_standard(FULL, W, times)
@@ -115,7 +115,7 @@ def test_permanent_rotations(factor):
     assert abs(R - rotations.exp(np.outer(times, AXIS))).max() < 2e-14
 
 
-def test_the_shortest_times_are_the_start():
+def test_shortest_times():
     R, W = exact.free_gyrostat([3, 4, 5], [0.3, -0.4, 2], [0.5, -0.3, 0.8], [5e-324, -1e-310])
     assert abs(R - np.eye(3)).max() < 1e-300
     assert (W == [0.5, -0.3, 0.8]).all()
@@ -131,7 +131,7 @@ def test_units_do_not_matter():
         assert abs(velocity / rate - w).max() < 5e-14
 
 
-def test_the_integrator_is_the_function_and_agrees_with_gauss():
+def test_integrator_agrees_with_gauss():
     load, W = rotor((1, -1, 2), 2.0) + rotor("z", [0, 9], [0.7, 0.7]), np.array([0.4, -1.1, 0.7])
     how = {"times": [1, 1.5, 4, 30], "t_start": 1, "rotation": rotations.exp([0.3, 2, 1]), "load": load}
     run = simulate(standard(FULL), integrator="exact", material_angular_velocity=W, **how)
@@ -155,7 +155,7 @@ def test_ensembles_scale_the_rotor():
             assert np.array_equal(many[name][i], one[name]), (i, name)
 
 
-def test_a_rotor_that_is_constant_while_the_run_lasts_is_constant():
+def test_rotor_constant_during_the_run():
     how = {"load": rotor("z", [0, 1, 2, 3], [0, 2, 2, 5]), "integrator": "exact", "material_angular_velocity": AXIS}
     run = simulate(standard(FULL), t_start=1, times=[1, 2], **how)
     assert np.array_equal(run.material_angular_velocity[1:], exact.free_gyrostat(FULL, [0, 0, 2], AXIS, [1])[1])

@@ -64,7 +64,7 @@ def in_degrees(path, time, rates, header=HEADER, *more):
 # The model
 
 
-def test_a_motion_that_runs_away_is_given_up():
+def test_runaway_motion_is_given_up():
     with pytest.raises(RunawayError, match="not finite, or needs too many steps"):
         responses(Motion(Model(damping=1), FREE, np.array([-30.0])), [Track(W, np.linspace(0, 2, 300))])
 
@@ -72,7 +72,7 @@ def test_a_motion_that_runs_away_is_given_up():
 # Estimates
 
 
-def test_errors_are_as_large_as_the_intervals_say():
+def test_errors_match_intervals():
     deviations = []
     for seed in range(4):
         inertia, recording = throw(seed, rate=(100, 400)[seed % 2], phone=seed % 3 == 0)
@@ -82,13 +82,13 @@ def test_errors_are_as_large_as_the_intervals_say():
 
 @pytest.mark.long
 @pytest.mark.filterwarnings("ignore:the recording does not determine")
-def test_intervals_of_95_percent_cover_the_truth_in_95_percent():
+def test_coverage_of_intervals():
     throws = (throw(seed, rate=100, phone=seed % 2 == 0) for seed in range(100, 220))
     fits = ((whole(recording), inertia) for inertia, recording in throws)
     assert 0.91 < share_covered(fits) < 0.99  # three standard errors of a share of 120
 
 
-def test_recordings_together_tell_more_than_the_best_alone_and_show_another_body():
+def test_several_recordings():
     rng, recordings = np.random.default_rng(8), []
     for seed, thickness in enumerate((0.008, 0.008, 0.012)):
         body = nt.standard(nt.inertia.of_cuboid(0.18, (0.147, 0.072, thickness)))
@@ -105,7 +105,7 @@ def test_recordings_together_tell_more_than_the_best_alone_and_show_another_body
     assert fit.cross_validation[2] > 2 > fit.cross_validation[:2].max()
 
 
-def test_uneven_times_gaps_and_bad_rows():
+def test_uneven_times_and_bad_rows():
     inertia, recording = throw(5)
     t, y = recording.time.values, recording.gyroscope.values.copy()
     y[7, 1] = np.nan
@@ -121,7 +121,7 @@ def test_uneven_times_gaps_and_bad_rows():
     assert found["step"] == pytest.approx(0.1025)
 
 
-def test_a_robust_loss_bears_wrong_samples():
+def test_robust_loss():
     inertia, recording = throw(6)
     t, y, true = recording.time.values, recording.gyroscope.values.copy(), np.linalg.eigvalsh(inertia)
     y[::29] += 0.3
@@ -133,7 +133,7 @@ def test_a_robust_loss_bears_wrong_samples():
     assert wrong[0] > 3 * wrong[1]
 
 
-def test_at_the_wall_an_interval_ends_where_bodies_are_flat():
+def test_interval_at_the_wall():
     sensor = {"noise": 4e-3, "rate": 100, "seed": 3}
     fit = whole(recorded(nt.standard(PHONE), 0.6, (2, 9, 3), sensor=sensor))
     low, high = fit.principal.intervals[2]
@@ -150,7 +150,7 @@ def test_at_the_wall_an_interval_ends_where_bodies_are_flat():
 # What cannot be told
 
 
-def test_steady_spin_tells_the_axis_and_no_moment(here):
+def test_steady_spin_gives_the_axis(here):
     recording = recorded(nt.standard([1, 2, 2.5]), 0.6, (0, 0, 12), sensor={"rate": 100})
     with pytest.warns(UserWarning, match=r"^the recording does not determine .* axis, or longer$"):
         fit = nt.fit_inertia(recording)
@@ -176,7 +176,7 @@ def test_steady_spin_tells_the_axis_and_no_moment(here):
     assert not (here / "body.toml").exists()
 
 
-def test_directions_are_named_by_principal_axes():
+def test_directions_are_principal_axes():
     """And have the errors of the inverse of all information."""
     fit = whole(throw(2)[1])
     found = fit.solution
@@ -199,7 +199,7 @@ def test_directions_are_named_by_principal_axes():
 # The interval
 
 
-def test_the_flight_is_found_between_release_and_catch():
+def test_flight_between_release_and_catch():
     fit = nt.fit_inertia(hand(5))
     (part,) = fit.parts
     assert part.interval == "the smallest residual"
@@ -208,7 +208,7 @@ def test_the_flight_is_found_between_release_and_catch():
     assert farthest(fit, PHONE / np.trace(PHONE)) < 4
 
 
-def test_a_fall_is_seen_in_either_unit():
+def test_fall_in_either_unit():
     time, read = np.arange(100) / 100, np.tile([0, 0, 1.0], (100, 1))
     read[30:60] *= 0.1
     assert [falls(time, unit * read) for unit in (1.0, 9.81)] == [[(30, 60)]] * 2
@@ -259,17 +259,17 @@ test_bad_recordings_are_refused = refused_as(
 )
 
 
-def test_a_gyroscope_of_a_slow_body_is_saturated_as_well():
+def test_saturated_gyroscope_of_slow_body():
     time, rates = free_part()
     with pytest.raises(ValueError, match="the gyroscope is saturated"):
         whole((30 * time, np.maximum(rates, -12.768) / 30))
 
 
-def test_twelve_samples_and_a_radian_are_enough():
+def test_twelve_samples_are_enough():
     require_turning(Model(), np.arange(12.0), np.tile([0, 0, 0.1], (12, 1)), "it")
 
 
-def test_any_inertia_that_the_equations_allow_is_fitted_where_it_may_be(here):
+def test_unphysical_inertia_where_allowed(here):
     fit = whole(not_a_body(), physical=False)
     assert farthest(fit, np.diag([0.2, 0.29, 0.51])) < 4
     assert fit.is_explained
@@ -295,7 +295,7 @@ UNITS = {
 
 
 @pytest.mark.parametrize(("unit", "header"), [(unit, one) for unit, headers in UNITS.items() for one in headers])
-def test_gyroscopes_are_found_by_their_headers(header, unit):
+def test_gyroscopes_by_headers(header, unit):
     three = tuple(header.format(x, x.upper()) for x in "xyz")
     accelerations = "ax", "ay", "az"
     for what, columns in ((GYROSCOPE, three), (ACCELEROMETER, accelerations)):
@@ -384,7 +384,7 @@ def test_the_command():
 # The sensor
 
 
-def test_the_noise_has_the_density_of_a_data_sheet():
+def test_noise_density_of_data_sheet():
     found = sensed((0, 0, 0), 100, 0.01, noise=2e-3, seed=5).gyroscope.values
     assert np.std(found) == pytest.approx(2e-3 * np.sqrt(100 / 2), rel=0.02)
     assert noise_of(found) == pytest.approx(np.std(found), rel=0.05)
@@ -413,7 +413,7 @@ test_wrong_sensors = refused_as(
 )
 
 
-def test_values_are_written_to_the_digits_that_their_intervals_have():
+def test_printed_digits():
     assert number_in_words(0.2, (0.1, 0.3)) == "0.20 (0.10 to 0.30)"
     assert number_in_words(12.3456, (12.343, 12.347), " s") == "12.3456 (12.3430 to 12.3470) s"
     assert number_in_words(0.0, (-1e-5, 1e-5)) == "0.0e+00 (-1.0e-05 to 1.0e-05)"

@@ -63,7 +63,7 @@ def test_intervals_allow_for_correlated_residuals(by):
 
 @pytest.mark.long
 @BOTH
-def test_intervals_of_95_percent_cover_the_truth_in_90_to_98_percent(by):
+def test_coverage_of_correlated_intervals(by):
     """Where noise goes on for 1/20 of the throw: many have just too few effective samples."""
     given, ours, white = covered(fits(240, by=by))
     assert given > 0.3
@@ -72,13 +72,13 @@ def test_intervals_of_95_percent_cover_the_truth_in_90_to_98_percent(by):
 
 
 @BOTH
-def test_noise_as_slow_as_the_throw_leaves_no_intervals(by):
+def test_slow_noise_has_no_intervals(by):
     given, *_ = covered(fits(6, part=1 / 2, by=by))
     assert given == 0
 
 
 @pytest.mark.parametrize("slow", [1.0, 0.4])
-def test_noise_is_found_from_residuals_from_which_a_fit_has_taken_a_part(slow):
+def test_noise_from_fitted_residuals(slow):
     """Without bias, though columns that change slowly leave residuals that are less correlated than noise is."""
     rng, n, samples, count = np.random.default_rng(5), 600, 20, 20
     waves = np.cos(np.outer(np.arange(n) + 0.5, np.arange(8)) * np.pi / n)
@@ -99,7 +99,7 @@ def test_noise_is_found_from_residuals_from_which_a_fit_has_taken_a_part(slow):
     assert off[1] < -10
 
 
-def test_white_residuals_have_intervals_of_white_noise():
+def test_white_residuals():
     (fit,) = fits(1, slow=0.0)
     solution = fit.solution
     assert solution.slow_noise is None
@@ -109,7 +109,7 @@ def test_white_residuals_have_intervals_of_white_noise():
     assert telling.quantile(solution) == stdtrit(600 - 12, 0.975)  # of J, W, bias, scale
 
 
-def test_effective_samples_are_those_of_the_variance():
+def test_effective_samples():
     """Of slow noise alone by Bayley and Hammersley; by Welch and Satterthwaite beside white noise."""
     (fit,) = fits(1)
     solution = fit.solution
@@ -124,7 +124,7 @@ def test_effective_samples_are_those_of_the_variance():
 @pytest.mark.parametrize(
     ("n", "part", "by"), [(400, 1 / 600, "rates"), (2000, 1 / 20, "rates"), (400, 1 / 20, "attitudes")]
 )
-def test_slow_noise_is_called_correlated_and_no_misfit(n, part, by):
+def test_slow_noise_is_no_misfit(n, part, by):
     (fit,) = fits(1, n, part, by=by)
     assert fit.is_explained
     assert not fit.is_white
@@ -133,7 +133,7 @@ def test_slow_noise_is_called_correlated_and_no_misfit(n, part, by):
 
 
 @pytest.mark.parametrize("drag", [0.01, 0.064])
-def test_what_a_wrong_model_leaves_is_no_slow_noise(drag):
+def test_wrong_model_is_no_noise(drag):
     """At the larger drag neighbours of what is new are uncorrelated by chance, but not every second sample."""
     sensor = {"noise": 1e-4, "rate": 400}
     recording = recorded(standard(MOMENTS), 2, (3, 8, 1), load=damping([drag] * 3), sensor=sensor)
@@ -142,7 +142,7 @@ def test_what_a_wrong_model_leaves_is_no_slow_noise(drag):
     assert fit.misfit > 10
 
 
-def test_too_few_samples_count_for_intervals():
+def test_too_few_samples_for_intervals():
     (free,) = fits(1, part=1 / 2)
     t, begin = free.parts[0].time, {"rotation": [[1, 0, 0], [0, 0, -1], [0, 1, 0]], "angular_velocity": (1, 2, 5)}
     pendulum = integrate(heavy_top([0.02, 0.022, 0.004], 0.5, (0, 0, -0.15)), times=t, tolerance=1e-9, **begin)
@@ -157,7 +157,7 @@ def test_too_few_samples_count_for_intervals():
         assert "nan" not in str(fit)
 
 
-def test_what_is_known_beside_is_of_white_noise():
+def test_known_values_are_white():
     rng, known = np.random.default_rng(4), np.diag([1e4, 2e4, 3e4])
     recording = np.dstack([rng.normal(size=(400, 3, 3)), noise(rng, 400, 20)])
     found = noise_of_residuals([recording], known)

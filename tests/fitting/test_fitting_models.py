@@ -87,7 +87,7 @@ def by_scipy(inertia, arm, drag, start, times):
         (np.diag([0.312, 0.344, 0.344]), 6, 800, 1, 4, 2e-4, {"bias": 0.005, "noise": 2e-4}),
     ],
 )
-def test_short_arcs_read_at_random_times(inertia, seed, count, seconds, speed, noise, how):
+def test_short_arcs_at_random_times(inertia, seed, count, seconds, speed, noise, how):
     """Of a motion by SciPy from a random W of this size; about a pivot, and of round bodies."""
     rng = np.random.default_rng(seed)
     times, W = np.append(0, np.sort(rng.uniform(0, seconds, count - 1))), rng.normal(size=3)
@@ -96,7 +96,7 @@ def test_short_arcs_read_at_random_times(inertia, seed, count, seconds, speed, n
     assert farthest(whole((times, W + noise * rng.normal(size=W.shape)), **how), inertia) < 4
 
 
-def test_an_unlikely_error_of_the_gyroscope_is_said():
+def test_unlikely_gyroscope_error():
     recording = recorded(nt.standard(FREE), 2, (3, -4, 5), sensor={"bias": (0.05, 0, 0)})
     with pytest.warns(UserWarning, match="an error of the gyroscope is 9.9. times its"):
         whole(recording, bias=0.005)
@@ -127,14 +127,14 @@ def test_motions_are_those_of_scipy(acts):
     assert abs(D @ way[columns] - true).max() < 1e-8 * abs(true).max()
 
 
-def test_the_motion_of_a_free_body_keeps_energy_and_momentum_over_many_turns():
+def test_free_motion_keeps_invariants():
     track = Track(np.array([8.0, 9, -7]), np.linspace(0, 60, 50))
     ((found, _),) = responses(Motion(Model(), FREE, np.zeros(0)), [track])
     for value in (np.einsum("ni,ij,nj->n", found, FREE, found), np.linalg.norm(found @ FREE, axis=1)):
         assert abs(value / value[0] - 1).max() < 1e-9
 
 
-def test_tracks_together_are_those_of_each_and_a_straight_speed_needs_no_knots():
+def test_tracks_in_lanes():
     motion = Motion(Model(wheel=Wheel(None, WHEEL, 0.0), unit=7e-4), SAT / 7e-4, np.array([0.1, 0.6, 0.8]))
     bent = Line(np.array([0.3, 0.6]), np.full(3, 50.0), np.eye(3), 100.0, np.zeros(3))
     straight = Line(np.zeros(0), np.full(1, 50.0), np.ones((1, 3)), 100.0, np.zeros(3))
@@ -151,7 +151,7 @@ def test_tracks_together_are_those_of_each_and_a_straight_speed_needs_no_knots()
     assert (D[-1, :3, 12:] != 0).all()
 
 
-def test_a_cost_that_is_enough_ends_a_fit():
+def test_sufficient_cost_ends_a_fit():
     solution = fitted("centre").solution
     start, enough = replace(solution.unknowns, starts=solution.unknowns.starts + 0.05), solution.cost + 1
     found = solve(solution.problem, start, enough=enough)
@@ -182,7 +182,7 @@ MIXED = [  # each with one of the others in the quick suite
 
 
 @pytest.mark.parametrize(("acting", "places", "attitudes"), MIXED)
-def test_the_derivatives_of_the_residuals_are_those_of_differences(acting, places, attitudes):
+def test_residual_derivatives_by_differences(acting, places, attitudes):
     model, rng = Model(**acting, oriented=attitudes != "none"), np.random.default_rng(0)
     time, rates, speeds = (one[::14] for one in spun())
     speed = None
@@ -214,7 +214,7 @@ def test_the_derivatives_of_the_residuals_are_those_of_differences(acting, place
 
 
 @pytest.mark.parametrize("direction", [None, CENTRE / FAR])
-def test_the_weak_form_finds_inertia_arm_and_vertical_of_clean_recordings(direction):
+def test_weak_form_on_clean_recordings(direction):
     times, down = np.arange(600) / 400, np.array([0.6, 0.0, -0.8])
     rates = by_scipy(J, MASS * 9.81 * CENTRE, C[1], BEGUN, times)[:, :3]
     found = with_moments([(times, rates)], Model(Pivot(MASS, FAR, direction, 9.81), damping=1), 2.0, 0.0)
@@ -226,7 +226,7 @@ def test_the_weak_form_finds_inertia_arm_and_vertical_of_clean_recordings(direct
         np.testing.assert_allclose(sign * found.more[:3], CENTRE / FAR, atol=1e-3)
 
 
-def test_the_linear_methods_find_the_inertia_of_clean_recordings():
+def test_linear_methods_on_clean_recordings():
     for times in (np.arange(30) / 5, np.arange(400) / 400):  # at first 2.8 rad from sample to sample
         rates = by_scipy(FREE, np.zeros(3), 0, np.array([8.0, 9, -7, 0, 0, 0, 0, 0, 0, 0]), times)[:, :3]
         assert abs(pencil([(times, rates)]) - FREE).max() < 0.01  # half a degree of its search
@@ -239,7 +239,7 @@ def test_the_linear_methods_find_the_inertia_of_clean_recordings():
 
 
 @pytest.mark.parametrize("known", GRAVITIES)
-def test_a_pivoted_body_has_its_inertia_in_kilograms_and_metres(known):
+def test_pivoted_body_in_kilograms(known):
     fit = fitted(known)
     unit = MASS * FAR if known == "unknown" else 1.0
     assert fit.unit == ("m" if known == "unknown" else "kg m²")
@@ -260,7 +260,7 @@ def test_a_pivoted_body_has_its_inertia_in_kilograms_and_metres(known):
         np.testing.assert_allclose(fitted("distance").inertia / unit, fit.inertia, atol=1e-7)
 
 
-def test_a_long_fast_swing_is_found_by_arcs_that_are_joined_two_by_two():
+def test_arcs_are_joined_by_twos():
     sensor = {"noise": 3e-4, "rate": 200, "seed": 2}
     rotation = Rotation.random(rng=1)
     recording = recorded(nt.heavy_top(J, MASS, CENTRE), 4, (5.53, 2.22, -8.77), rotation=rotation, sensor=sensor)
@@ -268,7 +268,7 @@ def test_a_long_fast_swing_is_found_by_arcs_that_are_joined_two_by_two():
     assert farthest(fit, J / MASS / FAR) < 4
 
 
-def test_a_fit_that_noise_and_model_do_not_explain_is_not_done(here):
+def test_unexplained_fit_is_not_done(here):
     recording = swing(drag=0.3)  # that the model does not have
     with says(UserWarning):
         fit = nt.fit_inertia(recording, gravity=GRAVITIES["centre"])
@@ -292,7 +292,7 @@ def phone(seed):
     return recording, plate, {"mass": mass, "centre": c}
 
 
-def test_intervals_that_meet_the_wall_are_those_of_the_likelihood_of_bodies():
+def test_wall_intervals_are_likelihoods():
     recording, plate, weight = phone(0)
     fit = nt.fit_inertia(recording, gravity=weight)
     solution, wide, true = fit.solution, quantile(fit.solution), np.linalg.eigvalsh(plate)
@@ -329,7 +329,7 @@ def test_intervals_that_meet_the_wall_are_those_of_the_likelihood_of_bodies():
 
 @pytest.mark.long
 @pytest.mark.filterwarnings("ignore:the fit ended before it settled")  # a few do
-def test_intervals_at_the_wall_cover_the_truth():
+def test_wall_intervals_cover():
     covered = []
     for seed in range(100, 180):
         recording, plate, weight = phone(seed)
@@ -375,13 +375,13 @@ def test_a_rotor_gives_the_scale():
     assert twice.principal.moments == pytest.approx(fit.principal.moments, rel=0.01)
 
 
-def test_a_turn_by_a_radian_is_enough_to_begin_with():
+def test_turn_by_a_radian():
     time, rates, speeds = (one[:30] for one in spun())
     begun = with_moments([(time, rates)], Model(wheel=Wheel(np.eye(3)[2], WHEEL, 0.0)), 2.0, 0.03, [speeds])
     assert begun.model.unit == pytest.approx(np.trace(SAT), rel=0.3)
 
 
-def test_the_axis_of_a_rotor_is_fitted():
+def test_rotor_axis_is_fitted():
     time, rates, speeds = spun()
     off_axis = []
     for axis, turned in ((np.array([0.0, 0.0, 1.0]), speeds), (np.array([0.0, 0.0, -1.0]), -speeds)):
@@ -438,7 +438,7 @@ BETWEEN = {  # what is recorded and acts, the inertia, when the free motion begi
 
 
 @pytest.mark.parametrize("case", BETWEEN)
-def test_free_motion_is_found_between_hands(tmp_path, case):
+def test_free_motion_between_hands(tmp_path, case):
     source, acting, true, (first, last) = BETWEEN[case]
     given, how = source(), "the smallest residual"
     if case == "file":
@@ -456,7 +456,7 @@ def test_free_motion_is_found_between_hands(tmp_path, case):
         assert fit.table()["damping"].endswith(" s⁻¹, of the sum of the moments")
 
 
-def test_a_throw_is_found_that_turns_less_than_the_windows_that_are_tried_first():
+def test_throw_shorter_than_first_windows():
     """The body turns by 2.4 rad, while hands turn it by 50 rad."""
     away, rng = np.arange(1, 1501) / 1000, np.random.default_rng(1)
     free = recorded(
@@ -473,7 +473,7 @@ def test_a_throw_is_found_that_turns_less_than_the_windows_that_are_tried_first(
     assert farthest(fit, SAT / np.trace(SAT)) < 4
 
 
-def test_a_speed_has_four_times_as_many_knots_as_its_readings_ask_for():
+def test_knots_of_a_speed():
     t = np.linspace(0, 1, 401)
     assert [len(as_speed(t, one).knots) for one in (3 + t, abs(t - 0.25), np.sin(90 * t))] == [2, 17, 65]
     assert [len(as_speed(t[:n], np.sin(90 * t[:n])).knots) for n in (4, 100)] == [2, 33]
@@ -481,7 +481,7 @@ def test_a_speed_has_four_times_as_many_knots_as_its_readings_ask_for():
         as_speed(t[:3], t[:3])
 
 
-def test_the_error_of_a_rotor_is_in_the_intervals():
+def test_rotor_error_widens_intervals():
     time, rates, speeds = spun()
     speeds, widths = np.interp(time, *SPINS) + 0.1 * (speeds - np.interp(time, *SPINS)), []
     for error in (0.0, 0.03):
@@ -494,7 +494,7 @@ def test_the_error_of_a_rotor_is_in_the_intervals():
     assert low < np.linalg.eigvalsh(SAT)[0] < high
 
 
-def test_a_body_that_may_not_twist_has_all_of_its_inertia_but_about_that_axis():
+def test_nontwisting_body_lacks_one_moment():
     body, rotation = nt.with_gravity(nt.suslov(J, "z"), MASS, CENTRE), Rotation.from_euler("xy", [70, 30], degrees=True)
     recording = recorded(body, 1.5, (1, 3, 0), rotation=rotation, sensor={"bias": (0.01, -0.02, 0.005), "rate": 100})
     fit = nt.fit_inertia(recording, gravity=GRAVITIES["centre"], constraint="z")
@@ -561,7 +561,7 @@ test_rotors_that_are_none_are_refused = refused_as(
 )
 
 
-def test_columns_that_are_no_speed_are_refused(tmp_path):
+def test_columns_without_speed(tmp_path):
     path = csv(tmp_path / "wheel.csv", f"{HEADER},wheel", *spun())
     for code, changed in (
         ("no-column", {"speed": "erpm"}),
@@ -604,7 +604,7 @@ def test_the_command(here):
 
 
 @pytest.mark.parametrize("noise", [3e-4, pytest.param(3e-5, marks=pytest.mark.long)])
-def test_a_rotor_of_constant_speed_whose_valley_is_long(noise):
+def test_rotor_with_a_long_valley(noise):
     own = np.diag([0.00464, 0.00964, 0.013])
     recording = recorded(nt.standard(own), 3, (1, 2, -1.5), load=nt.rotor((0, 0, 1), 0.24), sensor={"noise": noise})
     fit = whole(recording, rotor={"axis": (0, 0, 2), "inertia": 4e-3, "speed": 60 * 30 / np.pi, "unit": "rpm"})
@@ -612,7 +612,7 @@ def test_a_rotor_of_constant_speed_whose_valley_is_long(noise):
     assert len(fit.parts[0].speed[0]) == 2
 
 
-def test_a_satellite_with_a_wheel_is_found_behind_its_thrusters():
+def test_satellite_after_its_thrusters():
     """It nutates by 60 rad as it turns by one. In short windows J along the wheel is open, and with it h's sign."""
     J = np.array([[22, 0.4, -0.3], [0.4, 20.5, 0.2], [-0.3, 0.2, 24.5]])
     axis, time = np.array([1, 2, 2]) / 3, np.arange(901) / 10

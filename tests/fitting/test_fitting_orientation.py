@@ -45,7 +45,7 @@ def flight(seed=0, rate=200, tilt=TILT):
     return run.time.values, read.gyroscope.values, tilted(rotation(run), tilt, rng), body
 
 
-def test_errors_are_as_large_as_the_intervals_say():
+def test_errors_match_intervals():
     deviations = []
     for seed in range(4):
         time, rates, read, body = flight(seed, rate=(100, 200)[seed // 2])
@@ -61,13 +61,13 @@ def test_errors_are_as_large_as_the_intervals_say():
 @pytest.mark.long
 @pytest.mark.filterwarnings("ignore:the recording does not determine")
 @pytest.mark.parametrize("both", [False, True])
-def test_intervals_of_95_percent_cover_the_truth_in_95_percent(both):
+def test_coverage_of_intervals(both):
     flights = (flight(seed, rate=100) for seed in range(100, 220))
     fits = ((whole((t, w, q) if both else (t, q)), body) for t, w, q, body in flights)
     assert 0.91 < share_covered(fits) < 0.99  # three standard errors of a share of 120
 
 
-def test_attitudes_tell_more_together_with_a_gyroscope():
+def test_attitudes_with_a_gyroscope():
     time, rates, read, _ = flight(4, tilt=1e-4)
     widths = {}
     for name, recording in (("gyroscope", (time, rates)), ("attitudes", (time, read)), ("both", (time, rates, read))):
@@ -80,14 +80,14 @@ def test_attitudes_tell_more_together_with_a_gyroscope():
     assert widths["both"] < min(widths["gyroscope"], widths["attitudes"])
 
 
-def test_the_scale_of_the_gyroscope_is_in_the_attitudes():
+def test_gyroscope_scale_from_attitudes():
     time, rates, read, _ = flight(4, tilt=1e-4)
     fits = [whole((time, c * rates, read), scale=0.3) for c in (1, 1.3)]
     assert fits[1].scale == pytest.approx(1.3 * fits[0].scale, rel=2e-3)
     np.testing.assert_allclose(fits[1].principal.moments, fits[0].principal.moments, atol=1e-3)
 
 
-def test_missing_attitudes_count_for_nothing_and_others_stay_with_their_rows():
+def test_missing_attitudes():
     time, rates, read, body = flight(6)
     q, order, recording = read.as_quat(), np.append(np.arange(len(time) - 1) ^ 1, len(time) - 1), io.StringIO()
     q[::3] = np.nan
@@ -104,12 +104,12 @@ def test_missing_attitudes_count_for_nothing_and_others_stay_with_their_rows():
     np.testing.assert_allclose(shuffled.inertia, whole((time, rates, read)).inertia, atol=1e-6)
 
 
-def test_the_noise_of_attitudes_is_about_that_of_the_recording():
+def test_noise_of_attitudes():
     _, _, read, _ = flight(2, rate=400)
     assert noise_of_attitudes(continuous(read.as_quat())) == pytest.approx(TILT, rel=0.3)  # to start from
 
 
-def test_a_pivoted_body_by_its_attitudes():
+def test_pivoted_body():
     begin = {"rotation": Rotation.from_euler("x", 80, degrees=True), "material_angular_velocity": (2, -3, 6)}
     run = simulate(heavy_top(PIVOTED, MASS, CENTRE), t_end=1, step=1 / 100, **begin)
     read = tilted(rotation(run), np.radians(0.2), np.random.default_rng(0))
@@ -123,7 +123,7 @@ def test_a_pivoted_body_by_its_attitudes():
 
 
 @pytest.mark.usefixtures("here")
-def test_all_forms_of_attitudes_are_read():
+def test_forms_of_attitudes():
     time, rates, read, _ = flight(rate=100)
     fits = {"only": whole((time, read)), "both": whole((time, rates, read))}
     path = csv("throw.csv", TURNED, time, rates, read.as_quat())

@@ -29,7 +29,7 @@ def flight(seed=0, rate=200):
     return read.time.values, read.gyroscope.values, tilted(rotation(run)[-read.sizes["time"] :], TILT, rng), J
 
 
-def test_readings_are_those_of_the_formula():
+def test_readings_follow_the_formula():
     """Against SciPy: Euler's equations at t - τ, then turned, scaled, and with a bias."""
     start, t = np.array([8.0, 9, -7]), 0.3 + np.arange(2, 121) / 200
     run = simulate(standard(J), t_start=0.3, t_end=0.9, step=1 / 200, material_angular_velocity=start)
@@ -70,7 +70,7 @@ def test_attitudes_tell_all_errors():
 
 
 @pytest.mark.parametrize("how", ["given", "a prior"])
-def test_errors_that_are_known_need_no_attitudes(how):
+def test_known_errors_without_attitudes(how):
     time, rates, _, body = flight()
     given = ERRORS if how == "given" else {name: {"value": x, "error": 1e-3} for name, x in ERRORS.items()}
     fit = whole((time, rates), **given)
@@ -85,7 +85,7 @@ def test_errors_that_are_known_need_no_attitudes(how):
         assert "undetermined" in fit.table()["delay"]
 
 
-def test_a_pendulum_tells_the_misalignment_across_its_centre():
+def test_misalignment_of_a_pendulum():
     how = {"rotation": Rotation.from_euler("x", 80, degrees=True), "sensor": {"misalignment": THETA, "rate": 100}}
     read = recorded(heavy_top([0.018, 0.021, 0.007], MASS, CENTRE), 3, (2, -3, 6), **how)
     fit = whole(read, gravity={"mass": MASS, "centre": CENTRE}, misalignment={"error": 0.1})
@@ -125,7 +125,7 @@ def test_the_command_takes_errors(tmp_path):
 
 
 @pytest.mark.parametrize("noise", [0.0, 1e-8])
-def test_scales_that_the_common_scale_could_take_up_have_no_interval(noise):
+def test_common_scale_has_no_interval(noise):
     run = simulate(standard([1, 2, 2.6]), t_end=2, material_angular_velocity=(1, 4, 0.5))
     rates = run.material_angular_velocity + noise * np.random.default_rng(1).normal(size=(len(run.time), 3))
     known = {"value": [1.01, 1, 1], "error": 0.01}

@@ -15,7 +15,7 @@ EYE = Rotation.identity()
 SKEW = Rotation.from_rotvec([0.9, -0.7, 1.1])
 
 
-def test_a_half_turn_is_reached_at_rest():
+def test_half_turn_at_rest():
     """As another integrator, SciPy's, has it; in ten times the time, of twice the inertia, in the same way."""
     target = Rotation.from_rotvec([np.pi, 0, 0])
     start, how = Rotation.from_rotvec([1, -2, 0.5]), {"nodes": 11}
@@ -31,7 +31,7 @@ def test_a_half_turn_is_reached_at_rest():
     assert other.times[-1] == 70
 
 
-def test_a_great_circle_of_a_round_body_is_known():
+def test_great_circle_of_round_body():
     """The angle goes like 3t² - 2t³, and the moment is linear: the effort is 12 J²θ²/T³. No way takes none."""
     found = least_effort(nontwisting([4, 4, 5]), EYE, Rotation.from_rotvec([0.6, 0.8, 0]), t_end=2, nodes=5)
     assert abs(found.effort / (12 * 16 / 8) - 1) < 1e-12
@@ -42,7 +42,7 @@ def test_a_great_circle_of_a_round_body_is_known():
     assert not nothing.moment.any()
 
 
-def test_it_is_the_least_of_all_moments():
+def test_moments_are_least():
     """Pontryagin's equations ``W_i'' = p_i/J_i²``, p constant in space, shot at the target by SciPy.
 
     Tables are some of all moments, so their effort is larger, by less than h⁴.
@@ -89,7 +89,7 @@ test_other_bodies_and_numbers_are_refused = refused_as(
 )
 
 
-def test_a_search_that_ends_too_early_says_so(monkeypatch):
+def test_search_ends_too_early(monkeypatch):
     monkeypatch.setattr(effort, "ITERATIONS", 1)
     with pytest.raises(RuntimeError, match=r"^no least effort .*: the projected gradient is still \d\.\de-0[12] of"):
         asked(nontwisting(J))()

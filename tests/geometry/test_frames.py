@@ -106,7 +106,7 @@ def wavy(n):
     return sphere(1 + 0.4 * np.sin(3 * t), t + 0.3 * np.cos(t))
 
 
-def test_order_of_closed_frames_and_at_corners():
+def test_order_of_closed_frames():
     counts, exact = (100, 200, 400), closed_frame(wavy(20_000))[1]
     for order, tolerance in ((2, 0.02), (4, 0.1)):
         errors = [abs(closed_frame(wavy(n), order=order)[1] - exact) for n in counts]
@@ -148,7 +148,7 @@ def test_polygon_invariants():
         assert modulo(closed_frame(d3, order=2)[1] - area) < 1e-11
 
 
-def test_vertices_at_the_poles_are_not_special():
+def test_vertices_at_the_poles():
     d3 = np.array([[0, 0, 1.0], [1, 0, 0], [0, 0, -1], [0, 1, 0]])
     assert [solid_angle(d3), holonomy(d3)] == pytest.approx([np.pi, np.pi], abs=1e-14)
     for n in range(3, 30):
@@ -160,7 +160,7 @@ def test_vertices_at_the_poles_are_not_special():
 
 
 @pytest.mark.parametrize("order", [2, 4])
-def test_closed_frames_close_and_have_no_first_sample(order):
+def test_closed_frames_close(order):
     once = wavy(400)
     d1, angle = start(once[0]), closed_frame(once, order=order)[1]
     for d3 in (once, np.concatenate([once, once[:1]])):
@@ -224,7 +224,7 @@ def test_the_first_d1():
 
 
 @pytest.mark.parametrize("noise", [0.0, 1e-15, 1e-12, 1e-8])
-def test_order_four_survives_repeated_and_nearly_repeated_samples(noise):
+def test_order_four_with_repeated_samples(noise):
     """And near repetitions change no other frame."""
     rng, plain, d1 = np.random.default_rng(3), path(EVEN), start(path(0.0))
     best = nontwisting_frame(plain, d1)
@@ -238,7 +238,7 @@ def test_order_four_survives_repeated_and_nearly_repeated_samples(noise):
             assert_allclose(frames[::2], nontwisting_frame(d3[::2], d1), atol=2e-14)
 
 
-def test_small_coning_at_rest_is_kept():
+def test_coning_at_rest():
     """A hundred circles of 1e-6 rad turn the frame by 1e-10 pi in all, whatever came before."""
     loops, arrival = sphere(1e-6, 2 * np.pi * np.arange(4000) / 40), sphere(np.linspace(0.5, 0.01, 50), 0.0)
     way, whole = np.concatenate([arrival, loops[:1]]), np.concatenate([arrival, loops, loops[:1]])
@@ -250,7 +250,7 @@ def test_small_coning_at_rest_is_kept():
     assert_allclose(nontwisting_frame(whole[::-1], stay[-1, 0])[::-1], stay, atol=lost)
 
 
-def test_error_estimate_at_corners_and_at_round_off():
+def test_error_estimate_at_corners():
     for n in (30, 31):
         d3 = octant(n)
         error = np.abs(roll(nontwisting_frame(d3), nontwisting_frame(d3, order=2)[:, 0])).max()
@@ -281,7 +281,7 @@ def test_frame_along_a_function():
         assert modulo(roll(ends[1], ends[0, 0]) - 2 * np.pi * turns * (1 - np.cos(0.7))) < 1e-6
 
 
-def test_frame_along_meets_its_tolerance_at_a_kink():
+def test_tolerance_at_a_kink():
     """Two latitude arcs joined by a corner at an awkward time."""
     corner = 1 / np.pi
 
@@ -308,14 +308,14 @@ def helix(t):
 
 
 @pytest.mark.parametrize("k", [0, 1])
-def test_a_curve_of_points_that_are_no_numbers_has_no_frame(k):
+def test_curve_without_numbers(k):
     given = [np.array([[0.0, 0, 0], [1, 0, 0], [2, 1, 0]]), np.array([[1.0, 0, 0], [1, 1, 0], [1, 1, 1]])]
     given[k][1, 2] = np.nan
     with pytest.raises(ValueError, match=rf"^{('points', 'tangents')[k]}\[1, 2\]"):
         frame_of_curve(*given)
 
 
-def test_frame_of_curve_of_awkward_points():
+def test_awkward_points():
     points, tangents = helix(np.linspace(0, 3, 41))
     frames = frame_of_curve(points, 7 * tangents)
     twice = frame_of_curve(np.repeat(points, 2, axis=0), np.repeat(tangents, 2, axis=0))
@@ -330,7 +330,7 @@ def test_frame_of_curve_of_awkward_points():
 
 
 @pytest.mark.parametrize("size", [1e-300, 1e-162, 1e155, 1e307])
-def test_frames_of_curves_in_any_unit_of_length(size):
+def test_unit_of_length(size):
     """Squares of these lengths are no floats."""
     points, tangents = helix(np.arange(40) * np.pi / 20)
     assert_allclose(frame_of_curve(size * points, tangents), frame_of_curve(points, tangents), atol=1e-14)
@@ -341,7 +341,7 @@ def test_frames_of_curves_in_any_unit_of_length(size):
 
 @pytest.mark.parametrize("order", [2, 4])
 @pytest.mark.parametrize("size", [0.0, 1e-104, 1e-108, 1e-158, 1e-300])
-def test_directors_that_move_by_next_to_nothing(size, order):
+def test_barely_moving_directors(size, order):
     d3 = np.insert(size * np.random.default_rng(0).standard_normal((100, 2)), 2, 1, axis=1)
     closed, angle = closed_frame(d3, order=order)
     for frames in (nontwisting_frame(d3, order=order), closed):

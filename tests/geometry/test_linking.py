@@ -27,7 +27,7 @@ def torus(p, q, n, part=0.0, R=2.0, r=0.8):
 
 
 @pytest.mark.parametrize(("p", "q"), TORUS)
-def test_linking_number_is_twist_and_writhe_of_torus_knots_and_links(p, q):
+def test_torus_knots_and_links(p, q):
     """Of each component with its neighbour outside the torus, and of the components with one another: known numbers."""
     g = gcd(p, q)
     m, k = p // g, q // g
@@ -63,7 +63,7 @@ def test_writhe_against_many_digits():
         assert writhe(points) == pytest.approx(exact_writhe(points), abs=1e-13)
 
 
-def test_what_writhe_and_link_do_not_depend_on():
+def test_invariance_of_writhe_and_link():
     (x, d1), y = torus(2, 3, 200), torus(1, 1, 150, 0.3, r=1.2)[0]
     turn = Rotation.random(rng=np.random.default_rng(1))
     found = writhe(x)
@@ -78,7 +78,7 @@ def test_what_writhe_and_link_do_not_depend_on():
     assert ribbon_twist(x[::-1], d1[::-1]) == pytest.approx(twist, abs=1e-12)
 
 
-def test_the_number_of_threads_changes_no_bit(monkeypatch):
+def test_threads_change_no_bit(monkeypatch):
     x, found = torus(2, 3, 1250)[0], set()
     for threads in (1, 2, 5):
         monkeypatch.setattr(linking.os, "cpu_count", lambda threads=threads: threads)
@@ -86,7 +86,7 @@ def test_the_number_of_threads_changes_no_bit(monkeypatch):
     assert len(found) == 1
 
 
-def test_order_two_in_the_smooth_limit():
+def test_order_of_the_smooth_limit():
     curves = [torus(2, 3, n) for n in (100, 200, 400, 800)]
     for values in ([writhe(x) for x, _ in curves], [ribbon_twist(x, d1) for x, d1 in curves]):
         coarse, fine, *finest = values
@@ -105,7 +105,7 @@ def test_an_open_curve():
     assert 0 < writhe(helix, closed=False) < 4
 
 
-def test_opposite_edges_of_a_tetrahedron_cross_where_it_is_seen_as_a_quadrangle():
+def test_edges_of_a_tetrahedron():
     """Elsewhere a corner, of the solid angle arccos(23/27), is seen before the others, or behind them."""
     report = curve_report([(1, 1, 1), (1, -1, -1), (-1, 1, -1), (-1, -1, 1)])
     share = 1 - 2 * np.arccos(23 / 27) / np.pi
@@ -113,7 +113,7 @@ def test_opposite_edges_of_a_tetrahedron_cross_where_it_is_seen_as_a_quadrangle(
 
 
 @pytest.mark.parametrize(("knot", "turns"), [((2, -3), 3), ((1, 0), -2)])
-def test_frames_of_a_report_close_and_twist_evenly(knot, turns):
+def test_report_frames_twist_evenly(knot, turns):
     x, _ = torus(*knot, 120)
     x = x + 0.05 * np.random.default_rng(1).normal(size=x.shape) * (knot[1] != 0)
     report, plain = curve_report(x, turns=turns), curve_report(x)
@@ -137,7 +137,7 @@ def test_frames_of_a_report_close_and_twist_evenly(knot, turns):
     assert units["writhe"] == units["linking_number"] == "1"
 
 
-def test_the_twist_is_even_along_the_points_where_they_are_given():
+def test_twist_is_even_along_points():
     """A stadium: the tangents move along its two half circles alone; its plane gives the frame that does not twist."""
     s, half = np.linspace(0, 3, 60, endpoint=False)[:, None], np.linspace(0, np.pi, 60, endpoint=False)[:, None]
     straight, bow = np.hstack([s, -1 + 0 * s, 0 * s]), np.hstack([3 + np.sin(half), -np.cos(half), 0 * half])

@@ -70,7 +70,7 @@ def rounded(M):
     return np.array(M.tolist(), dtype=float)
 
 
-def test_hat_is_the_cross_product_and_vee_its_inverse():
+def test_hat_and_vee():
     w, a = np.random.default_rng(0).normal(size=(2, 4, 5, 3))
     assert_allclose(np.einsum("...ij,...j->...i", rotations.hat(w), a), np.cross(w, a), rtol=0, atol=1e-15)
     assert_array_equal(rotations.hat(w), -rotations.hat(w).mT)
@@ -103,7 +103,7 @@ def test_against_mpmath(name):
     assert np.isfinite(getattr(rotations, name)((1e10 if small else 1e200) * np.array(axes()))).all()
 
 
-def test_exp_keeps_the_digits_of_a_small_skew_part():
+def test_exp_of_small_skew_part():
     for x in vectors(ANGLES[:6])[1:]:
         want = mp.sin(mp.norm(exact(x))) / mp.norm(exact(x)) * exact(x)
         R = rotations.exp(x)
@@ -135,7 +135,7 @@ def test_log_of_half_turns():
     assert_array_equal(rotations.log(np.diag([-1.0, -1.0, 1.0])), [0, 0, np.pi])
 
 
-def test_log_takes_every_column_of_the_quaternion():
+def test_log_of_every_quaternion_column():
     """On both sides of every change of the largest component, and where components are equal."""
     rng, errors = np.random.default_rng(6), []
     q = list(rng.normal(size=(20, 4)))
@@ -152,7 +152,7 @@ def test_log_takes_every_column_of_the_quaternion():
     assert_ulps("log, columns", errors)
 
 
-def test_coefficients_of_small_angles_keep_their_digits():
+def test_coefficients_at_small_angles():
     """With θ = (a, b, 0) entry (0, 1) is the last coefficient times a b, alone."""
     kernels = (rotations.dexp, mp_dexp, 8), (rotations.dexp_inverse, mp_dexp_inverse, 16)
     for angle in (1e-140, 1e-8, 1e-3, 0.1, 0.5, 0.9, np.nextafter(1, 0), 1.0, np.nextafter(1, 2)):
@@ -173,7 +173,7 @@ def moving_frame():
     return q, v, w, rotations.darboux_vector(q[:, 2], v[:, 2])
 
 
-def test_darboux_vector_turns_the_triad_and_without_a_rate_does_not_twist_it(moving_frame):
+def test_darboux_vector(moving_frame):
     q, v, w, plain = moving_frame
     psi_dot = rotations.twist_rate(q, v)
     found = rotations.darboux_vector(q[:, 2], v[:, 2], psi_dot)
@@ -187,7 +187,7 @@ def test_darboux_vector_turns_the_triad_and_without_a_rate_does_not_twist_it(mov
     close(np.einsum("nxy,iy->nix", chi, q[0]), q)
 
 
-def test_twisted_triad_is_the_rotated_one_and_its_twist_rate_is_the_derivative_of_the_angle(moving_frame):
+def test_twisted_triad(moving_frame):
     q, v, _, w = moving_frame
     psi, psi_dot = np.linspace(-4, 9, 7), 0.7
     got = rotations.twisted_triad(q, psi)
@@ -207,7 +207,7 @@ def close(got, want, atol=1e-15):
 
 
 @pytest.mark.parametrize("turns", [1, -3, 100])
-def test_inverses_are_refused_at_whole_and_half_turns_with_the_index(turns):
+def test_inverses_at_half_turns(turns):
     theta = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 2 * np.pi * turns], [0.0, 1.0, 0.0]])
     for scale in (1, 1 + 4 * EPS):
         with pytest.raises(ValueError, match=r"theta\[1\] is a whole turn"):
@@ -221,7 +221,7 @@ def test_inverses_are_refused_at_whole_and_half_turns_with_the_index(turns):
         assert np.isfinite(rotations.cayley_inverse(rotations.exp((np.pi - 4e-15) * n))).all()
 
 
-def test_leading_axes_may_be_many_or_empty():
+def test_leading_axes():
     theta = np.random.default_rng(3).normal(size=(2, 3, 3))
     R = rotations.exp(theta)
     for name, of in (("exp", theta), ("dexp", theta), ("dexp_inverse", theta), ("log", R)):

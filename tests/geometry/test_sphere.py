@@ -126,7 +126,7 @@ def curve(t):
 
 
 @pytest.mark.parametrize("unevenness", [0, 0.3])
-def test_covariant_derivative_is_of_fourth_order_up_to_the_ends(unevenness):
+def test_covariant_derivative_order(unevenness):
     errors = []
     for n in (100, 400):
         t = np.linspace(0, 2, n + 1)
@@ -137,7 +137,7 @@ def test_covariant_derivative_is_of_fourth_order_up_to_the_ends(unevenness):
 
 
 @pytest.mark.parametrize("n", [2, 4, 9])
-def test_covariant_derivative_is_exact_for_polynomials_of_the_stencil(n):
+def test_covariant_derivative_of_polynomials(n):
     t = np.sort(np.random.default_rng(n).uniform(-1, 1, n))
     coefficients = np.arange(1.0, min(n, 5) + 1)[:, None] * [1.0, -2.0, 0.5]
     v = polynomial.polyval(t, coefficients).T
@@ -149,7 +149,7 @@ def test_covariant_derivative_is_exact_for_polynomials_of_the_stencil(n):
     assert_allclose(back[::-1], -found, rtol=0, atol=1e-12 * np.abs(found).max())
 
 
-def test_covariant_derivative_of_a_field_is_the_projection_of_its_derivative():
+def test_covariant_derivative_of_a_field():
     """Of v = sin(b·d) a × d, of random a and b."""
     rng = np.random.default_rng(4)
     d, w = tangents(rng, 50)
@@ -168,7 +168,7 @@ def tangents(rng, count):
     return d, np.cross(d, rng.normal(size=(count, 3)))
 
 
-def test_split_tensor_gives_both_parts_with_their_kernels():
+def test_split_tensor():
     rng = np.random.default_rng(4)
     (d, _), (d_tilde, _) = tangents(rng, 10), tangents(rng, 10)
     onto, of = (np.eye(3) - one[..., :, None] * one[..., None, :] for one in (d_tilde, d))
@@ -180,7 +180,7 @@ def test_split_tensor_gives_both_parts_with_their_kernels():
     assert_allclose(np.einsum("nij,nj->ni", got[0], d), 0, atol=5e-15)
 
 
-def test_leading_axes_broadcast_and_may_be_empty():
+def test_leading_axes():
     d, s = np.array([[0.6, 0.8, 0.0], [0.0, 0.6, 0.8]]), np.linspace(0, 1, 5)
     v = sphere.log(E1, d)
     path = sphere.geodesic(E1, v[:, None, :], s)

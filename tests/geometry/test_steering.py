@@ -34,7 +34,7 @@ def test_targets_are_reached():
         assert (ends[1].inv() * start * R).magnitude() < 1e-13
 
 
-def test_motions_have_no_twist_and_their_length():
+def test_twist_and_length():
     t = np.linspace(0, 1, 2001)
     for R in Rotation.random(2, rng=RNG):
         way = steer(EYE, R)
@@ -52,7 +52,7 @@ def test_motions_have_no_twist_and_their_length():
         assert abs(d3 @ centre - np.cos(way.radius)).max() < 1e-14
 
 
-def test_no_motion_without_twist_is_shorter():
+def test_shortest_without_twist():
     """Of motions in a few pieces, each with a fixed axis across d3."""
     for _ in range(150):
         angles, directions = RNG.uniform(0, 2.5, 4), RNG.uniform(0, 2 * np.pi, 4)
@@ -70,7 +70,7 @@ def test_turns_about_the_axis(angle):
     assert np.sign(way.curvature) == np.sign(angle)
 
 
-def test_turns_across_the_axis_are_great_circles():
+def test_turns_across_the_axis():
     for angle in (0.1, 1.0, 3.0, np.pi):
         way = steer(EYE, rotations.exp([0, angle, 0]))
         assert way.length == pytest.approx(angle, rel=1e-15)

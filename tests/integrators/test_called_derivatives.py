@@ -132,7 +132,7 @@ def compared(scheme, order, load, wrt, own=None, bound=1e-12, steps=2):
 
 @pytest.mark.filterwarnings(IGNORED)
 @pytest.mark.parametrize(("scheme", "order"), or_long(QUICK, LONG))
-def test_tangents_are_those_of_the_discrete_run(scheme, order):
+def test_tangents_of_the_discrete_run(scheme, order):
     """With potentials, tables of forces, an orbit, damping, and a function that brings its own derivative.
 
     The inertia is in the load as well; the radius depends on the mean motion, and on the time.
@@ -151,7 +151,7 @@ MANY = [(*scheme, load) for scheme in [*QUICK, *LONG[:4]] for load in ("duals", 
 
 @pytest.mark.filterwarnings(IGNORED)
 @pytest.mark.parametrize(("scheme", "order", "load"), or_long(FEW, [case for case in MANY if case not in FEW]))
-def test_functions_are_differentiated_by_duals_or_differences(scheme, order, load):
+def test_functions_by_duals_or_differences(scheme, order, load):
     """Of the functions alone: where they do not take duals ten digits, and a warning."""
     with warnings.catch_warnings(record=True) as told:
         warnings.simplefilter("always")
@@ -161,7 +161,7 @@ def test_functions_are_differentiated_by_duals_or_differences(scheme, order, loa
 
 @pytest.mark.filterwarnings(IGNORED)
 @pytest.mark.parametrize("order", [8, 4, pytest.param(2, marks=pytest.mark.long)])
-def test_rows_that_turn_with_an_orbit(order):
+def test_rows_turning_with_an_orbit(order):
     """Of a body which no forces act on: with a weight, `gauss` does not turn its rows with the orbit."""
     own = OF_ORBIT | {"dead_force": np.zeros((3, 3))} | ({"axis": AXIS} if order == 4 else {})
     extra = {8: ["dead_force"], 4: ["axis"], 2: []}[order]  # rows of a run under forces do not turn with the orbit
@@ -207,7 +207,7 @@ def test_differentiated_balances(kind, scheme, order):
         assert abs(spatial - spatial[0]).max() <= 1e-13 * sizes * np.sqrt(steps)
 
 
-def test_a_function_that_drops_derivatives_is_found_out_and_differences_are_announced_once():
+def test_dropped_derivatives_are_found():
     """It takes floats alone, reads the memory of its arguments, or gives another value: that of the floats tells."""
 
     def raw(t, d, w):
@@ -228,7 +228,7 @@ def test_a_function_that_drops_derivatives_is_found_out_and_differences_are_anno
         assert abs(found - exact).max() < 1e-9
 
 
-def test_a_function_of_time_is_differentiated_by_it():
+def test_function_of_time():
     """As `duration` needs it: by duals, or by differences, which are announced."""
     how = {"t_end": 1, "step": 0.1, "wrt": "duration", "integrator": "lie-midpoint"}
     exact = nt.sensitivities(nt.standard(J), load=nt.sine((0, 3, 0), 2), **how).d_rotation.values
@@ -265,7 +265,7 @@ class Sloped(Push):
 @patch.dict(KINDS, push=Push)
 @pytest.mark.filterwarnings("ignore:.*runs in Python")
 @pytest.mark.parametrize("scheme", ["gauss", pytest.param("energy-momentum", marks=pytest.mark.long)])
-def test_a_term_of_ones_own_is_differentiated_as_a_function_is(scheme):
+def test_user_term(scheme):
     """By its own derivative; by differences, which are announced; by duals: `test_loads`."""
     how = {"t_end": 1, "step": 0.1, "rotation": R0, "wrt": ["rotation", "load[0].scale"], "integrator": scheme}
     truth = last(nt.sensitivities(nt.standard(J), load=1.5 * nt.moment(push, derivative=push_slope), **how))
@@ -305,7 +305,7 @@ MORE += [("lie-midpoint", "heavy", "none", 4, True), ("gauss", "standard", "func
 
 @pytest.mark.filterwarnings(IGNORED)
 @pytest.mark.parametrize(("scheme", "body", "load", "store", "few"), or_long(JACOBIANS, MORE))
-def test_jacobian_of_a_propagator_is_that_of_sensitivities(scheme, store, body, load, few):
+def test_propagator_jacobian(scheme, store, body, load, few):
     """By few parameters: turns of the start alone turn all of a run that does not see its attitude."""
     called = nt.spring(STIFFNESS, POINT, ANCHOR, REST) + nt.moment(push, compiled=True)
     called += nt.potential(POINT, hill, hill_slope, compiled=True)
@@ -336,7 +336,7 @@ def test_prepared_jacobians_warn_of_differences():
         run.jacobian(**START)
 
 
-def test_a_load_with_its_own_derivative_is_a_value():
+def test_load_with_own_derivative():
     one, other = nt.moment(push, derivative=push_slope), nt.moment(push)
     assert one == nt.moment(push, derivative=push_slope)
     assert one != other
@@ -361,7 +361,7 @@ LARGE = {  # body, W, load
 
 @pytest.mark.filterwarnings(IGNORED, "ignore:the step")
 @pytest.mark.parametrize(("case", "t_end", "step"), [*zip(LARGE, (6, 6, 4), (1.5, 1.5, 2), strict=True)])
-def test_a_large_step_is_solved_again_as_in_the_run(case, t_end, step):
+def test_large_step_is_solved_again(case, t_end, step):
     (body, W, load), e = LARGE[case], np.array([1, -0.7, 0.4])
     how = {"load": load, "integrator": "gauss", "order": 4, "t_end": t_end, "step": step}
     d = nt.sensitivities(body, **how, material_angular_velocity=W, wrt="material_angular_velocity")
@@ -369,7 +369,7 @@ def test_a_large_step_is_solved_again_as_in_the_run(case, t_end, step):
     assert abs(last(d) @ e - by).max() < 1e-10 * max(1, abs(by).max())
 
 
-def test_a_function_that_returns_something_else_after_the_run_is_refused():
+def test_function_changes_its_result():
     calls, how = [], {"integrator": "gauss", "order": 4, "t_end": 0.5, "step": 0.1, "material_angular_velocity": W0}
 
     def fickle(t, directors, w):
@@ -407,7 +407,7 @@ class Explicit(Compiled):
         return Text(explicit_midpoint)
 
 
-def test_a_step_of_ones_own_may_call_functions_several_times():
+def test_user_step_with_several_calls():
     drag = nt.moment(lambda t, d, w: -0.3 * np.sqrt(w @ w) * w + d[2], compiled=True)
     body, how = nt.standard([2, 4, 5]), {"t_end": 2, "step": 0.1, "load": drag, "integrator": Explicit()}
     d = nt.sensitivities(body, material_angular_velocity=W0, wrt="material_angular_velocity", **how)

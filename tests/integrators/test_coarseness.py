@@ -36,7 +36,7 @@ def told(run):
     return found, texts[0] if texts else None
 
 
-def test_a_hopeless_step_is_told_once():
+def test_hopeless_step_warns_once():
     """Of a steady rotation the numbers can be had by hand: order 2 turns by 2 atan(θ / 2) instead of θ."""
     start = {"material_angular_velocity": (4, 0, 0), "integrator": LieMidpoint(order=2)}
     run, text = told(lambda: simulate(BODY, t_end=10, step=0.5, **start))
@@ -51,11 +51,11 @@ def test_a_hopeless_step_is_told_once():
 
 
 @pytest.mark.parametrize("scheme", [LieMidpoint(), *map(Gauss, (2, 4, 6, 8)), *map(Split, (2, 4, 6))])
-def test_the_error_of_a_steady_rotation_has_the_order_of_the_scheme(scheme):
+def test_error_of_steady_rotation(scheme):
     assert np.log2(scheme.lag(1.0) / scheme.lag(0.5)) == pytest.approx(scheme.order + 1, abs=0.3)
 
 
-def test_calls_that_are_prepared_say_the_same():
+def test_prepared_calls_warn_alike():
     """From the second run of a plan on nothing is checked anew."""
     fast, plan = (4, 0, 0), {"t_end": 10, "step": 0.5, "integrator": "lie-midpoint"}
     texts = [told(lambda: integrate(BODY, material_angular_velocity=fast, **plan))[1] for _ in range(3)]
@@ -65,14 +65,14 @@ def test_calls_that_are_prepared_say_the_same():
     assert told(lambda: integrate(BODY, material_angular_velocity=(0.1, 0, 0), **plan))[1] is None
 
 
-def test_a_load_off_the_grid_is_told_each_time():
+def test_load_off_the_grid():
     plan = {"t_end": 1, "step": 0.1, "load": pulse((1, 0, 0), start=0.25, end=0.55), "integrator": "lie-midpoint"}
     for _ in range(3):
         with pytest.warns(UserWarning, match="2 breakpoint"):
             integrate(BODY, **plan)
 
 
-def test_check_and_run_say_the_same(here, write):
+def test_check_warns_as_run(here, write):
     """About the axis of the smallest inertia the bound of |w| is its value."""
     write(RUN)
     checked, ran = (ended(0, command, "run.toml") for command in ("check", "run"))
@@ -104,7 +104,7 @@ def stage_matrix(order):
 
 
 @pytest.mark.parametrize("order", Gauss.orders)
-def test_limits_of_gauss_follow_from_its_matrix(order):
+def test_gauss_limits_from_the_matrix(order):
     """The iteration of the rows of a steady rotation contracts by θ ρ(A); its stages leave the circle by 0.1."""
     limit, A = LARGEST_TURN[order], stage_matrix(order)
     assert limit * abs(np.linalg.eigvals(A)).max() == pytest.approx(0.5, rel=5e-3)
@@ -114,7 +114,7 @@ def test_limits_of_gauss_follow_from_its_matrix(order):
     assert order < 6 or turning(0.99 * limit, Gauss(order=order), 1) is None
 
 
-def test_an_error_of_a_tenth_is_told_where_steps_are_short_and_none_of_closed_solutions():
+def test_error_of_a_tenth():
     scheme = LieMidpoint(order=2)
     assert turning(0.1, scheme, 1000) is None  # 1000 * 0.1³ / 12 = 0.083
     assert turning(0.1, scheme, 1300) is not None
@@ -124,7 +124,7 @@ def test_an_error_of_a_tenth_is_told_where_steps_are_short_and_none_of_closed_so
         assert told(lambda name=name: integrate(BODY, t_end=3, angular_velocity=(1, 9, 0), integrator=name))[1] is None
 
 
-def test_a_body_with_an_axis_turns_by_exponentials_under_moments_of_its_frame():
+def test_exponentials_under_frame_moments():
     """Kicked about its own axis alone it turns steadily: what the warning speaks of is exact, and is not said."""
     how = {"t_end": 100, "step": 0.25, "material_angular_velocity": (2, 0, 0), "integrator": Split(order=2)}
     load = pulse((0, 0, 1), 1, 2)
@@ -134,7 +134,7 @@ def test_a_body_with_an_axis_turns_by_exponentials_under_moments_of_its_frame():
     assert "coarse" in told(lambda: integrate(BODY, load=load, **how))[1]
 
 
-def test_a_propagator_warns_of_coarse_steps_once_and_again_for_faster_bodies():
+def test_propagator_warns_again_when_faster():
     run = propagator(BODY, t_end=10, step=0.05, integrator="gauss", order=8)
     speeds = (2, 12, 60.5, 60.5, 2, 60, 61)
     found = [told(lambda W=(speed, 0, 0): run(material_angular_velocity=W)) for speed in speeds]
@@ -142,6 +142,6 @@ def test_a_propagator_warns_of_coarse_steps_once_and_again_for_faster_bodies():
     assert [one.warning is not None for one, _ in found] == [False, False, True, True, False, True, True]
 
 
-def test_a_step_that_turns_a_body_out_of_its_triad_names_the_turn():
+def test_step_names_the_turn():
     with says(SimulationError):
         integrate(standard([1, 2, 3]), t_end=20, step=1, material_angular_velocity=(0.01, 5, 0), integrator="gauss")

@@ -35,14 +35,14 @@ test_refused_with_the_value = refused_as(
 )
 
 
-def test_a_load_that_fails_ends_the_run_with_the_states_before():
+def test_failing_load():
     load = moment(lambda t, d, w: [0, 0, 1 / int(t < 0.5)], breakpoints=[0.5])
     with pytest.raises(SimulationError, match=r"raised ZeroDivisionError at t = 0\.5") as info:
         simulate(standard([1, 1, 1]), t_end=1, step=0.25, load=load, integrator="continuous")
     assert (info.value.status, info.value.partial.time.tolist()) == (Status.LOAD, [0, 0.25, 0.5])
 
 
-def test_a_run_of_too_many_steps_is_aborted(monkeypatch):
+def test_too_many_steps(monkeypatch):
     monkeypatch.setattr(continuous, "CHECK_EVERY", 100)
     monkeypatch.setattr(continuous, "PATIENCE", 100)
     how = {"t_end": 1, "step": 0.1, "material_angular_velocity": (0, 1e12, 1e12), "integrator": "continuous"}
@@ -54,7 +54,7 @@ def test_a_run_of_too_many_steps_is_aborted(monkeypatch):
         integrate(STANDARD, **how)
 
 
-def test_a_run_that_is_stuck_where_a_load_jumps_names_the_jump(monkeypatch):
+def test_jump_is_named(monkeypatch):
     monkeypatch.setattr(continuous, "BLOCK", 200)
     how = {"material_angular_velocity": (1, 0.5, 0.2), "integrator": "continuous"}
     how["load"] = moment(lambda t, d, w: -np.sign(w))
@@ -65,7 +65,7 @@ def test_a_run_that_is_stuck_where_a_load_jumps_names_the_jump(monkeypatch):
     assert simulate(STANDARD, times=[0, 0.77], **how).time.size == 2
 
 
-def test_the_two_forms_agree_in_runs():
+def test_both_forms_agree():
     """For other bodies it is a check of validation."""
     how = {"t_end": 1, "step": 0.25, "angular_velocity": [1, -2, 0.5], "project": True, "load": LOAD}
     a, b = (
@@ -79,7 +79,7 @@ def test_the_two_forms_agree_in_runs():
     assert "newton_iterations" not in a
 
 
-def test_resampling_is_exact_at_stored_times_and_of_closed_solutions():
+def test_resampling_is_exact():
     body, kick, x = standard([1, 2, 2.5]), {"angular_velocity": [1, 2, 3]}, np.linspace(0.013, 1.987, 57)
     fine = simulate(body, times=x, integrator=Continuous(**FINE), **kick)
     run = simulate(body, t_end=1, step=0.05, **kick)
@@ -99,7 +99,7 @@ NEEDLE = np.array([2e-7, 5.6e-4, 5.6e-4])
 
 
 @pytest.mark.parametrize("method", ["DOP853", "RK45", "RK23"])
-def test_a_damped_needle_keeps_explicit_methods_in_their_interval_of_stability(method):
+def test_damped_needle_in_explicit_methods(method):
     """Turning about d2 it slows down as exp(-c t/J2); about d1, where c/J1 is 2800 times that, nothing may grow."""
     c, scheme = 0.6, Continuous(method=method, rtol=1e-6, atol=1e-8)
     how = {"t_end": 3e-4, "step": 1e-4, "angular_velocity": [1e-60, -400, 0], "integrator": scheme}
@@ -121,7 +121,7 @@ def test_diverging_trials_are_rejected(start):
 
 @pytest.mark.parametrize("size", [1e-24, 1e12])
 @pytest.mark.parametrize("form", ["split", "director"])
-def test_tolerances_are_in_units_of_the_problem(form, size):
+def test_tolerances_have_units(form, size):
     """The motion does not depend on the unit of mass: a grain of dust is as exact as the Earth."""
     scheme = Continuous(form=form, rtol=1e-8, atol=1e-10)
     how = {"t_end": 3, "step": 1, "material_angular_velocity": (0.01, 2, 0.01), "integrator": scheme}
@@ -140,7 +140,7 @@ def test_tiny_motions_end(speed):
     assert run.material_angular_velocity.values[-1] / speed == pytest.approx([2, 0, 0], abs=1e-9)
 
 
-def test_a_push_takes_the_same_steps_from_rest_and_almost_from_rest(monkeypatch):
+def test_push_from_rest(monkeypatch):
     """The sizes that tolerances are relative to are those of the motion that begins."""
     counts, solver = [], continuous.solver_of("DOP853")
     counting = type("Counting", (solver,), {"step": lambda self: counts.append(self.t) or solver.step(self)})

@@ -29,7 +29,7 @@ EVERY = product(["standard", "heavy top", "nontwisting", "suslov"], [*(load for 
 
 
 @pytest.mark.parametrize(("body", "load"), or_long(CASES, [case for case in EVERY if case not in CASES]))
-def test_states_between_nodes_are_those_of_scipy(body, load, expansions):
+def test_states_between_nodes_by_scipy(body, load, expansions):
     system, how = BODIES[body](1.0), HOW | {"load": made_load(load)}
     step = 0.01 if load == "body table" else 0.05  # which has a kink at 2.33
     run = nt.integrate(system, integrator=Gauss(order=12), step=step, **how)
@@ -41,7 +41,7 @@ def test_states_between_nodes_are_those_of_scipy(body, load, expansions):
 
 
 @pytest.mark.parametrize("body", ["heavy top", "suslov"])
-def test_energy_and_momentum_are_kept_between_nodes_as_at_them(body, expansions):
+def test_invariants_between_nodes(body, expansions):
     run = nt.simulate(BODIES[body](1.0), step=0.1, order=8, **HOW)
     energy = (run.kinetic_energy + run.potential_energy).values
     assert expansions == [True]
@@ -51,7 +51,7 @@ def test_energy_and_momentum_are_kept_between_nodes_as_at_them(body, expansions)
         assert np.ptp(run.spatial_momentum.sel(axis="z").values) < 2e-14 * abs(run.spatial_momentum.values).max()
 
 
-def test_substeps_are_taken_where_steps_have_errors(expansions):
+def test_substeps_where_steps_err(expansions):
     """Of order 4 a step of 0.4 rad is wrong by more than 1e-7: states in between keep the energy all the same."""
     run = nt.simulate(TOP, step=0.1, order=4, **HOW)
     assert expansions == [False]
@@ -61,7 +61,7 @@ def test_substeps_are_taken_where_steps_have_errors(expansions):
     assert len(expansions) == 1
 
 
-def test_long_steps_are_expanded_far_enough(expansions):
+def test_long_steps(expansions):
     """And of a run that is resampled between its own states."""
     fine = nt.integrate(TOP, integrator=Gauss(order=16), step=0.02, **HOW)
     for order, step, close in ((8, 0.05, 1e-8), (16, 0.25, 1e-11)):

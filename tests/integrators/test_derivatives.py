@@ -190,7 +190,7 @@ LONG = [case for case in LONG if case[2] != "energy-momentum" or "spinning" not 
 
 @pytest.mark.filterwarnings("ignore:.*(breakpoint|table of the load)")
 @pytest.mark.parametrize(("body", "load", "scheme", "order"), or_long([*QUICK, *LOSING[:2]], [*LONG, *LOSING[2:]]))
-def test_tangents_are_those_of_the_discrete_run(body, load, scheme, order):
+def test_tangents_of_the_discrete_run(body, load, scheme, order):
     """With dissipation in the director scheme by moments about the principal axes, which stay."""
     duration, steps = (0.4, 4) if order is None or order < 8 else (0.8, 2)
     how, own = (
@@ -202,7 +202,7 @@ def test_tangents_are_those_of_the_discrete_run(body, load, scheme, order):
 
 
 @pytest.mark.parametrize(("inertia", "order"), [(J, 2), (2 * EYE, 4)], ids=["standard", "sphere"])
-def test_forces_on_a_free_body_act_as_on_its_rows(inertia, order):
+def test_forces_on_a_free_body(inertia, order):
     """Under forces it would not turn about a line, so the turn of its rows is what a force changes."""
     faint = nt.sine((1e-200, 0, 0), 0.7, frame="space")  # under which all rows are integrated
     numbers = numbers_of("standard", 0.3, inertia=inertia, dead_force=np.zeros((3, 3)))
@@ -228,7 +228,7 @@ def test_a_body_that_hardly_turns(scheme, order):
 
 
 @pytest.mark.parametrize(("order", "bound"), or_long([(4, 3e-10)], [(16, 3e-13)]))
-def test_a_top_that_hangs_at_rest(order, bound):
+def test_top_hanging_at_rest(order, bound):
     """Linearised about equilibrium the motion is a pendulum, J dW' = -K δ, δ' = dW, K = m g l (I - u uᵀ)."""
     u, o = np.array([0.3, -0.2, 0.6]) / 0.7, np.zeros((3, 3))
     top, down = nt.heavy_top(J, 1.0, 0.7 * u, gravity=(0, 0, -2)), Rotation.align_vectors([[0, 0, -1]], [u])[0]
@@ -287,7 +287,7 @@ def test_chosen_steps_and_continued_runs():
 
 @pytest.mark.long
 @pytest.mark.parametrize("scheme", ["gauss", "energy-momentum"])
-def test_a_gradient_holds_little_beside_the_states(scheme):
+def test_gradient_needs_little_memory(scheme):
     """At most 200 bytes a step in all, of which the states have 56, and N of the director scheme 48."""
     steps, last = 200_000, np.array([[0, 0, 0], [0, 1.0, 0]])
     how = {"step": 0.05, "wrt": ["inertia", "load_scale"], "load": LOADS["space"], "integrator": scheme, **START}
@@ -317,12 +317,12 @@ test_what_is_refused = refused_as(
 )
 
 
-def test_a_gradient_needs_what_f_is():
+def test_gradient_without_f():
     with pytest.raises(ValueError, match=r"^give d_rotation= or d_material_angular_velocity=, the derivatives of f"):
         nt.gradient(nt.nontwisting([3, 4, 5]), t_end=1, material_angular_velocity=(1, 2, 0), wrt="inertia")
 
 
-def test_a_gradient_of_a_run_that_fails():
+def test_gradient_of_failing_run():
     """The part of the run that is known has no means over its steps."""
     with pytest.raises(SimulationError, match="the body turns") as caught:
         nt.gradient(nt.standard(J), t_end=10, step=5, integrator="lie-midpoint", d_rotation=np.eye(3), **START)
@@ -331,7 +331,7 @@ def test_a_gradient_of_a_run_that_fails():
     assert run.to_dataset().sizes["time"] == 1
 
 
-def test_jacobian_from_threads_and_without_preparation():
+def test_jacobian_from_threads():
     run = nt.propagator(nt.standard(J), t_end=1.0, step=0.05)
     starts = W0 * np.linspace(0.5, 1.5, 16)[:, None]
     expected = [run.jacobian(material_angular_velocity=W)[0] for W in starts]

@@ -10,7 +10,7 @@ from nontwist.validation.problems import FINE, KICK, SAMPLES
 EM = {"integrator": "energy-momentum", "order": 2}
 
 
-def test_the_constraint_holds_in_the_mean_and_not_at_the_nodes(paper_body):
+def test_constraint_in_the_mean(paper_body):
     """Under load the velocities leave the tangent space by a mode of alternating sign."""
     run = nt.simulate(paper_body, t_end=1, step=0.005, load=nt.pulse((-123.625, -53.75, 0)), **EM)
     q, v = run.directors.values, run.director_velocities.values
@@ -20,7 +20,7 @@ def test_the_constraint_holds_in_the_mean_and_not_at_the_nodes(paper_body):
     assert 1e-4 < abs(np.sum(v[:, 0] * q[:, 1], axis=1)).max() < 1.2e-3
 
 
-def test_multipliers_of_single_steps_are_of_order_one():
+def test_multipliers_of_single_steps():
     """The mean of two steps, of order 2, is a check."""
     body, W, load = MOTIONS["Suslov body"]
     how = {"material_angular_velocity": W, "load": load}
@@ -34,7 +34,7 @@ def test_multipliers_of_single_steps_are_of_order_one():
     assert np.log2(np.divide(errors[:-1], errors[1:])) == pytest.approx(1, abs=0.1)
 
 
-def test_the_alternating_part_starts_with_the_normal_part_of_the_first_step():
+def test_start_of_the_alternating_part():
     """N is 0 at even nodes and -h²/2 sym(Ŵ Ŵ') at odd ones, to leading order."""
     body, W0, h = SAMPLES["suslov"], np.array(KICK), 1e-3
     J, n = body.convected_inertia, body.axis

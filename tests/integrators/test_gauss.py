@@ -45,7 +45,7 @@ def test_coefficients_are_the_nearest_doubles(order):
 
 
 @pytest.mark.parametrize("order", FEW)
-def test_a_body_at_rest_begins_to_fall(order):
+def test_body_at_rest_falls(order):
     """From rest gravity acts on P, then on g, then on P again; and the iteration of Newton has no speed yet."""
     for scale, step in product((1e-8, 1.0, 1e6), (0.002, 0.2)):
         J, step = scale * convected_inertia(np.diag([30.0, 5.5, 1.9])), step * scale**0.25
@@ -103,7 +103,7 @@ def collocated(body, q, W, h, order, load):
 
 @pytest.mark.parametrize("order", [2, 6, pytest.param(4, marks=pytest.mark.long)])
 @pytest.mark.parametrize(("name", "load"), [*thinned(3, BODIES, LOADS), ("several", "sum")])
-def test_a_step_solves_the_equations_of_collocation(name, load, order):
+def test_equations_of_collocation(name, load, order):
     """Where a load acts, or a heavy body stands under one: the rows are those of collocation."""
     several = replace(nt.standard(TILTED), dead_force=np.array([[1.0, 2, -1], [0.5, -3, 1], [2, 1, 0.4]]))
     body, load = several if name == "several" else BODIES[name](), LOADS[load]()
@@ -170,7 +170,7 @@ def push(t, d, w):
 
 
 @pytest.mark.parametrize("order", FEW)
-def test_drag_never_lets_the_energy_rise_and_stiff_moments_are_solved(order):
+def test_drag_and_stiff_moments(order):
     """At h λ up to a million, where a run says that modes are not resolved; energy goes where the work says."""
     bodies = nt.suslov(TILTED, [0.3, 0.2, 1]), nt.nontwisting(PAPER_J), nt.standard(TILTED)
     loads = [nt.damping([drag, 2 * drag, 3 * drag]) for drag in (0.1, 10.0, 1e4, 2e6)]
@@ -187,7 +187,7 @@ def test_drag_never_lets_the_energy_rise_and_stiff_moments_are_solved(order):
             assert run.newton_iterations.max() < 20
 
 
-def test_a_run_says_that_damped_modes_are_not_resolved():
+def test_unresolved_damping_warns():
     how = {"t_end": 1, "step": 0.25, "integrator": "gauss", "order": 4, "angular_velocity": [1, 0, 0]}
     with pytest.warns(UserWarning, match=r"a rate of up to 20 1/s, which step = 0\.25 s .* try step <= 0\.2"):
         nt.simulate(STANDARD, load=nt.damping([60, 1, 1]), **how)
@@ -199,7 +199,7 @@ def test_a_run_says_that_damped_modes_are_not_resolved():
 
 
 @pytest.mark.parametrize("scheme", [LieMidpoint(), EnergyMomentum(), *map(Gauss, (2, 4, 6, 8))])
-def test_the_lag_of_a_steady_rotation_in_rows(scheme):
+def test_lag_of_steady_rotation(scheme):
     start = {"material_angular_velocity": (0, 0.9, 0), "load": nt.space_moment([0, 1], np.zeros((2, 3)))}
     run = nt.integrate(STANDARD, t_end=1, step=1, integrator=scheme, **start)
     assert scheme.lag(0.9) == pytest.approx(abs(run.rotation[1].magnitude() - 0.9), rel=1e-6)

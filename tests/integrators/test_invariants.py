@@ -28,7 +28,7 @@ CASES = {
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_each_run_keeps_what_it_should(case):
+def test_kept_invariants(case):
     body, load, names = CASES[case]
     run = nt.simulate(body(), t_end=1, step=0.02, material_angular_velocity=[1, -2, 3], load=load, project=True)
     found = drifts(run)
@@ -57,7 +57,7 @@ STEPPING = [(name, order) for name, scheme in INTEGRATORS.items() for order in s
 @pytest.mark.parametrize(
     ("case", "lost"), [("standard", 0.5), ("heavy top", 0.4), ("vectors along a line", 2.5 / np.sqrt(54))]
 )
-def test_a_drift_is_seen_and_measured(case, lost):
+def test_drift_is_measured(case, lost):
     body, load, _ = CASES[case]
     run = nt.simulate(body(), t_end=1, step=0.1, material_angular_velocity=[1, -2, 3], load=load)
     run["kinetic_energy"][4] += 0.5
@@ -69,14 +69,14 @@ def test_a_drift_is_seen_and_measured(case, lost):
     assert momentum[2:] == pytest.approx((lost / pi, lost))
 
 
-def test_a_body_that_hangs_at_rest_is_measured_by_its_weight():
+def test_body_hanging_at_rest():
     """K is 1e-19 J of round-off there, and V is zero: neither is the size of an energy."""
     hanging = nt.with_gravity(nt.suslov([2, 2, 2], [0, 1, 0]), 0.001, [0, 1e-3, 0])
     run = nt.simulate(hanging, t_end=1, step=0.1)
     assert drifts(run)["total_energy"].relative < 1e-14
 
 
-def test_the_scale_of_a_balance_has_the_work_so_far_and_that_of_an_interval():
+def test_scale_of_a_balance():
     run = nt.simulate(BODIES["standard"](), t_end=1, step=0.1, angular_velocity=[1, -2, 3], load=nt.damping(4.0))
     run["load_work"][3] += 0.5
     size = float(run.kinetic_energy.max()) + abs(np.cumsum(run.load_work.values)).max()
@@ -84,7 +84,7 @@ def test_the_scale_of_a_balance_has_the_work_so_far_and_that_of_an_interval():
     assert drifts(run)["energy_balance"][2:] == pytest.approx((0.5 / size, 0.5))  # the body slows down
 
 
-def test_work_that_a_constraint_lets_cancel_belongs_to_the_scale():
+def test_cancelled_work_in_the_scale():
     """A rod held across: m·w vanishes term by term but for round-off, eps |m||w|h, which K alone would magnify."""
     body = nt.suslov(nt.inertia.of_cuboid(1.0, (0.004, 0.001, 1.0)), (2.0, 2.0, 0.0))
     half_turn = Rotation.from_quat([1.0, 0.0, 0.0, 0.0])
@@ -97,7 +97,7 @@ def test_work_that_a_constraint_lets_cancel_belongs_to_the_scale():
     assert found.relative < 1e-15
 
 
-def test_a_balance_needs_the_work_of_its_load():
+def test_balance_needs_work():
     body, how = BODIES["standard"](), {"t_end": 1, "step": 0.1}
     run = nt.integrate(body, load=PULSE, material_angular_velocity=(0.1, 2, 0), **how)
     many = nt.simulate_ensemble(body, material_angular_velocity=[(0.1, 2, 0)] * 2, **how)

@@ -47,7 +47,7 @@ def everything():
 
 
 @pytest.mark.filterwarnings("ignore:.*(breakpoint|table of the load)")
-def test_values_are_those_of_a_run_with_these_numbers(everything):
+def test_values_of_a_run(everything):
     found = everything(ALL)
     how = {"order": 4, "t_end": 1.1, "step": 0.275, "store": 2, "rotation": R0, "material_angular_velocity": W0}
     run = nt.integrate(nt.DirectorSystem(euler_inertia(J), None, DEAD), load=loaded("all", NUMBERS | ALL), **how)
@@ -56,7 +56,7 @@ def test_values_are_those_of_a_run_with_these_numbers(everything):
 
 
 @pytest.mark.filterwarnings("ignore:.*(breakpoint|table of the load)")
-def test_derivatives_by_all_parameters_are_those_of_differences(everything):
+def test_derivatives_by_differences(everything):
     """One direction through all of them, forward; and its product with the gradient, which is carried back."""
     random = np.random.default_rng(11)
     d = random.normal(size=3)
@@ -85,7 +85,7 @@ def test_derivatives_by_all_parameters_are_those_of_differences(everything):
 
 
 @pytest.mark.parametrize(("mode", "scheme"), [(jax.jacrev, "gauss"), (jax.jacfwd, "energy-momentum")])
-def test_both_modes_are_our_own_derivatives(mode, scheme):
+def test_modes_are_our_derivatives(mode, scheme):
     system, how = nt.suslov(J, (1, 2, 2)), {"integrator": scheme, "load": nt.sine(PEAK, 0.7), "rotation": R0, **GRID}
     n = system.axis
     W, names = W0 - (W0 @ n) * n, ["material_angular_velocity", "inertia", "axis", "load_scale"]
@@ -125,7 +125,7 @@ def plain():
 STARTS, BODIES = RANDOM.normal(size=(4, 3)), J + 0.1 * np.arange(4)[:, None, None] * np.eye(3)
 
 
-def test_compiled_and_mapped_functions_have_the_same_bits(plain):
+def test_compiled_and_mapped_bits(plain):
     """Of values and gradients; what is mapped by `vmap`, once or twice, is what a loop gives."""
     points, f = {"material_angular_velocity": STARTS, "inertia": BODIES}, attitude_of(plain)
     each = [{name: values[k] for name, values in points.items()} for k in range(4)]
@@ -169,7 +169,7 @@ def test_matrices_and_axes_are_extended():
     assert np.sum(g["rotation"] * t["rotation"]) == pytest.approx(float(expected), rel=1e-8)
 
 
-def test_principal_moments_go_with_the_axes_of_the_body(plain):
+def test_principal_moments_with_axes(plain):
     Q, moments = np.linalg.eigh(J)[1], np.array([2.5, 4.5, 6])
     one, same = plain({"principal_inertia": moments}), plain({"inertia": (Q * moments) @ Q.T})
     assert all(abs(one[name] - same[name]).max() < 1e-14 for name in WEIGHTS)
@@ -199,7 +199,7 @@ test_wrong_parameters_and_plans_are_refused = refused_as(
 )
 
 
-def test_errors_of_compiled_functions_without_64_bits_and_without_jax(plain, monkeypatch):
+def test_errors_of_compiled_functions(plain, monkeypatch):
     with pytest.raises(RuntimeError, match="inertia is not positive definite"):
         jax.block_until_ready(jax.jit(plain)({"inertia": -J}))
     jax.config.update("jax_enable_x64", False)

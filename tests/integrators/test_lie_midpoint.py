@@ -12,7 +12,7 @@ LIE = {"integrator": "lie-midpoint", "order": 2, "step": 0.01, "t_end": 0.4, "pr
 
 @pytest.mark.parametrize("load", [None, LOADS["sum"]() + LOADS["state"]()])
 @pytest.mark.parametrize("name", BODIES)
-def test_impulses_act_and_velocities_are_tangent(name, load):
+def test_impulses_and_tangent_velocities(name, load):
     """Δπ = h m - h μ Λ_m n, with the moment of dead forces in m; v_i·d_j + v_j·d_i = 0 at every node."""
     body = BODIES[name]()
     run = nt.simulate(body, angular_velocity=[1, -2, 0.5], load=load, **LIE)
@@ -36,7 +36,7 @@ def test_the_step_is_symmetric():
     assert back.directors[-1] == pytest.approx(there.directors[0], abs=1e-12)
 
 
-def test_lie_midpoint_continues_a_run_of_the_director_scheme():
+def test_continues_the_director_scheme():
     """Whose velocities are not tangent."""
     body, how = nt.nontwisting(PAPER_J), {"load": nt.sine([30, 10, 0], 2), "step": 0.01}
     first = nt.integrate(body, t_end=0.2, angular_velocity=[1, -2, 0], integrator="energy-momentum", **how)
@@ -46,7 +46,7 @@ def test_lie_midpoint_continues_a_run_of_the_director_scheme():
 
 
 @pytest.mark.parametrize("name", ["lie-midpoint", "energy-momentum", "gauss", "split"])
-def test_turns_below_the_resolution_of_an_attitude_add_up(name):
+def test_tiny_turns_add_up(name):
     steps, turn = 10**5, 1e-17
     how = {"t_end": steps, "step": 1.0, "store": "end", "integrator": name, "order": 2}
     start = Rotation.from_rotvec([0, np.pi / 2, 0])  # no component of its quaternion that turns is near 0

@@ -19,7 +19,7 @@ W0 = (0.4, -1.1, 0.7)
 
 
 @pytest.mark.parametrize("scheme", ["gauss", "lie-midpoint"])
-def test_the_middle_axis_is_left_at_the_known_rate(scheme):
+def test_rate_of_the_middle_axis(scheme):
     """Neighbours of a rotation about the middle axis leave it like ``exp(σt)``, σ² = W² (J3-J2)(J2-J1)/(J1 J3)."""
     how = {"t_end": 200, "step": 0.02, "material_angular_velocity": (0, 2, 0), "integrator": scheme}
     found = nt.lyapunov(nt.standard([3, 4, 5]), **how).lyapunov_exponent
@@ -36,7 +36,7 @@ HIDDEN = "energy-momentum hides exponents below zero; use gauss or lie-midpoint 
 
 @pytest.mark.filterwarnings(f"ignore:{HIDDEN}")
 @pytest.mark.parametrize("scheme", ["gauss", "lie-midpoint", "energy-momentum"])
-def test_sums_are_the_growth_of_volumes(scheme):
+def test_sums_are_volume_growth(scheme):
     how = {"t_end": 20, "step": 0.05, "material_angular_velocity": W0, "integrator": scheme}
     damped = nt.lyapunov(nt.standard(J), load=nt.damping(C), **how).lyapunov_exponent.values[-1].sum()
     assert abs(damped + np.trace(np.linalg.solve(J, C))) < (1e-12 if scheme == "gauss" else 1e-3)
@@ -51,7 +51,7 @@ def test_sums_are_the_growth_of_volumes(scheme):
 
 
 @pytest.mark.parametrize("turn", [1.0, 3.0])
-def test_strong_damping_has_the_exponents_of_its_rates(turn):
+def test_strong_damping(turn):
     """-c/J_i as a step of order 8 has it, R(-h c/J), also where round-off of what grows hides it within few steps."""
     how = {"t_end": 1280 * turn / 1e3, "step": turn / 1e3, "order": 8, "load": nt.damping(1e3)}
     found = nt.lyapunov(nt.standard([1, 2, 3]), material_angular_velocity=(1, 2, 3), **how).lyapunov_exponent
@@ -65,7 +65,7 @@ def test_strong_damping_has_the_exponents_of_its_rates(turn):
 
 
 @pytest.mark.parametrize("scheme", ["gauss", "lie-midpoint"])
-def test_volumes_of_a_suslov_body_shrink_at_the_rate_of_its_equations(scheme):
+def test_suslov_volumes_shrink(scheme):
     """tr(S ∂(JW × W)/∂W) over the changes across n, the mean over a long run, about an axis that is oblique."""
     inertia, n = np.array([[2, 0.1, 0.3], [0.1, 2.5, -0.2], [0.3, -0.2, 3]]), np.array([0, 0.6, 0.8])
     how = {"t_end": 100, "step": 0.02, "material_angular_velocity": (1, 0.8, -0.6), "integrator": scheme}
@@ -105,7 +105,7 @@ STARTS = np.random.default_rng(4).normal(size=(9, 3))
         (nt.standard(J), STARTS, {"integrator": "energy-momentum", "load": nt.damping(C), "load_scale": np.arange(9)}),
     ],
 )
-def test_members_have_the_numbers_of_lyapunov(bodies, W, how):
+def test_members_equal_lyapunov(bodies, W, how):
     """Bit for bit, however many threads there are: of one body or many, and under factors of a load."""
     how = {"t_end": 5, "step": 0.05, "rotation": Rotation.random(9, rng=1), **how}
     systems = nt.DirectorSystem.stack(bodies) if isinstance(bodies, list) else bodies
@@ -119,7 +119,7 @@ def test_members_have_the_numbers_of_lyapunov(bodies, W, how):
         assert (one.lyapunov_exponent.values[-1] == found.lyapunov_exponent.values[i]).all()
 
 
-def test_members_that_fail_have_no_exponents():
+def test_failing_members():
     W = np.tile([1.0, -2, 0.5], (20, 1))
     W[4] *= 1e3
     how = {"t_end": 1, "step": 0.01, "material_angular_velocity": W, "integrator": "lie-midpoint"}
@@ -140,14 +140,14 @@ WARNED = {
 
 @pytest.mark.parametrize("case", WARNED)
 @pytest.mark.parametrize("function", [nt.lyapunov, nt.lyapunov_ensemble])
-def test_what_exponents_miss_is_warned_of_where_they_are_asked_for(function, case):
+def test_missed_exponents_warn_the_caller(function, case):
     more, words = WARNED[case]
     with pytest.warns(UserWarning, match=words) as told:
         function(nt.standard([1, 2, 3]), **{"t_end": 1, "step": 0.1, "material_angular_velocity": (1, 2, 3)} | more)
     assert (len(told), told[0].filename) == (1, __file__)
 
 
-def test_ensembles_choose_steps_as_runs_do():
+def test_ensembles_choose_steps_as_runs():
     how = {"t_end": 3, "material_angular_velocity": STARTS}
     many = nt.simulate_ensemble(nt.standard(J), tolerance=1e-6, **how)
     found = nt.lyapunov_ensemble(nt.standard(J), tolerance=1e-6, **how)
@@ -157,7 +157,7 @@ def test_ensembles_choose_steps_as_runs_do():
 
 
 @pytest.mark.parametrize(("rows", "count", "how"), [(6, 5, "__call__"), (6, 5, "on_floats"), (12, 3, "__call__")])
-def test_growth_is_that_of_qr_decompositions_in_the_metric(rows, count, how):
+def test_growth_by_qr(rows, count, how):
     rng, together = np.random.default_rng(rows + count), 17
     steps = 2 * together
     M, n = np.eye(rows, rows + 2) + 0.1 * rng.normal(size=(steps, rows, rows + 2)), rng.normal(size=rows)

@@ -20,7 +20,7 @@ R = Rotation.from_rotvec([0.3, -0.2, 0.9])
 W0 = (0.5, -1.0, 0.2)
 
 
-def test_each_form_of_a_start_is_that_of_integrate():
+def test_forms_of_a_start():
     """The bits of one form, for every load and body, are in test_contract."""
     body, load = standard([3, 4, 5]), sine((1, 2, 3), 0.7)
     how = {"t_end": 0.6, "step": 0.05, "store": 5, "integrator": "lie-midpoint", "project": True, "load": load}
@@ -49,7 +49,7 @@ def test_eight_threads_share_one():
             assert np.array_equal(found, alone)
 
 
-def test_a_step_is_chosen_for_each_start():
+def test_step_for_each_start():
     body, how = nontwisting([3, 4, 5]), {"t_end": 1, "store": "end"}
     call, starts = propagator(body, **how), [{"angular_velocity": (0, speed, 0)} for speed in (1, 40)]
     for start in starts:
@@ -57,7 +57,7 @@ def test_a_step_is_chosen_for_each_start():
     assert call(**starts[1]).step < call(**starts[0]).step
 
 
-def test_a_run_that_fails_says_why_and_the_next_is_sound():
+def test_failing_run():
     body, how = standard([3, 4, 5]), {"t_end": 1, "step": 0.5, "store": "end"}
     call = propagator(body, **how)
     with says(SimulationError):
@@ -75,7 +75,7 @@ test_wrong_starts_and_plans_are_refused = refused_as(
 )
 
 
-def test_a_slow_load_is_told_once():
+def test_slow_load_warns_once():
     with pytest.warns(UserWarning, match="runs in Python"):
         call = propagator(BODY, load=moment(turning), **PLAN)
     with warnings.catch_warnings():
@@ -83,7 +83,7 @@ def test_a_slow_load_is_told_once():
         call(angular_velocity=(0, 1, 0))
 
 
-def test_a_propagator_can_be_pickled_and_tells_what_it_is():
+def test_pickle_and_repr():
     call = propagator(BODY, t_end=2, step=0.1, load=sine((1, 0, 0), 1), order=4)
     same(pickle.loads(pickle.dumps(call))(angular_velocity=(0, 1, 0)), call(angular_velocity=(0, 1, 0)))
     assert repr(call).endswith(", gauss of order 4, 0 to 2 s, 20 steps>")
@@ -91,7 +91,7 @@ def test_a_propagator_can_be_pickled_and_tells_what_it_is():
     assert isinstance(call.load, Load)
 
 
-def test_results_are_read_once_they_are_asked_for():
+def test_results_are_read_late():
     """A call leaves them in the numbers of the march; a run is whole to whoever looks at it, copies or pickles it."""
     how, start = {"load": sine((1, 0, 0), 1), **PLAN}, {"material_angular_velocity": (0, 1, 0)}
     call, expected = propagator(BODY, store=1, **how), integrate(BODY, **how, **start)

@@ -23,7 +23,7 @@ ALL = BOTH + compiled_load(swing) + nt.damping([0.1, 0.2, 0.3])
 
 
 @pytest.mark.parametrize(("body", "bound"), [(HELD, 1e-12), (STANDARD, 2e-15)])
-def test_free_bodies_do_not_drift_over_a_million_steps(body, bound):
+def test_free_bodies_do_not_drift(body, bound):
     how = {"step": 0.005, "store": 1000, "integrator": Split(order=2)}
     run = nt.integrate(body, t_end=5000, material_angular_velocity=[6, -18, body.axis is None], **how).to_dataset()
     assert run.orthonormality_defect.max() < 1e-12
@@ -42,7 +42,7 @@ REST = {
 @pytest.mark.filterwarnings("ignore:.*off the grid of step")
 @pytest.mark.parametrize(("load", "store"), [*zip(REST.values(), [1, 7, "end"], strict=True)], ids=REST)
 @pytest.mark.parametrize("body", [HELD, STANDARD], ids=["non-twisting", "standard"])
-def test_without_moments_one_exact_motion_is_what_steps_give(body, load, store):
+def test_exact_motion_without_moments(body, load, store):
     """A function of time is not known to vanish, so every step is taken; means over intervals straddle the borders."""
     stepped = nt.body_moment(lambda t: load.sample([t], "body")[0], breakpoints=load.breakpoints)
     how = {"t_end": 2, "step": 0.01, "store": store, "integrator": Split(6), "material_angular_velocity": [1, -2, 0]}
@@ -52,7 +52,7 @@ def test_without_moments_one_exact_motion_is_what_steps_give(body, load, store):
 
 
 @pytest.mark.parametrize("body", [HELD, STANDARD], ids=["non-twisting", "standard"])
-def test_a_long_stretch_without_moments_is_one_motion(body, monkeypatch):
+def test_long_stretch_without_moments(body, monkeypatch):
     """As exact as that motion; where the march pauses and what it stores in it change no bit."""
     load = nt.pulse([1, 2, 0], 1, 2) + nt.pulse([3, -1, 0], 5_002, 5_003)
     how = {"t_end": 5_004, "step": 0.1, "load": load, "integrator": "split", "material_angular_velocity": [1, 2, 0]}
@@ -93,7 +93,7 @@ def gaps(name, order, steps, start):
 
 @pytest.mark.parametrize("order", [2, 4, 6])
 @pytest.mark.parametrize("name", ENDLESS)
-def test_an_endless_load_causes_no_drift(name, order):
+def test_endless_load_does_not_drift(name, order):
     assert np.abs(gaps(name, order, 10_000, 0)).max() < 2e-14
 
 
@@ -101,7 +101,7 @@ def test_an_endless_load_causes_no_drift(name, order):
 @pytest.mark.long
 @pytest.mark.parametrize("order", [2, 4, 6])
 @pytest.mark.parametrize("name", ENDLESS)
-def test_no_drift_over_a_million_steps_of_an_endless_load(name, order):
+def test_endless_load_over_million_steps(name, order):
     few, many = (np.array([gaps(name, order, n, start) for start in range(3)]) for n in (10_000, 1_000_000))
     assert np.abs(many).max() < 1e-12
     sizes = [np.sqrt((errors**2).mean(axis=0)) for errors in (few, many)]
@@ -110,7 +110,7 @@ def test_no_drift_over_a_million_steps_of_an_endless_load(name, order):
 
 @pytest.mark.parametrize(("order", "steps"), [(2, (64, 128)), (4, (16, 32)), (6, (12, 16))])
 @pytest.mark.parametrize(("body", "load"), [(HELD, BODY), (nt.with_gravity(HELD, 0.5, [0.1, 0.2, 0.3]), ALL)])
-def test_moments_multipliers_and_work_have_the_order_of_the_scheme(body, load, order, steps):
+def test_order_of_moments_and_work(body, load, order, steps):
     """Whose attitudes inside a step are not those of a steady turn."""
     how = {"t_end": 2, "material_angular_velocity": (2, -3, 0), "load": load}
     fine, errors = nt.integrate(body, times=np.linspace(0, 2, 5), integrator=FINE, **how), []
@@ -120,7 +120,7 @@ def test_moments_multipliers_and_work_have_the_order_of_the_scheme(body, load, o
     assert np.log(np.divide(*errors)) / np.log(steps[1] / steps[0]) == pytest.approx(order, abs=0.15)
 
 
-def test_directors_stay_orthonormal_whatever_the_turn_of_a_step():
+def test_directors_stay_orthonormal():
     pull = nt.space_moment(lambda t: (1e-3 * np.sin(t), 0, 1e-3))
     for turn in (0.5, 2.0, 4.0, 6.0):
         start = {"material_angular_velocity": (turn, 0, 0), "t_end": 500, "step": 1.0}
@@ -130,7 +130,7 @@ def test_directors_stay_orthonormal_whatever_the_turn_of_a_step():
 
 
 @pytest.mark.parametrize("lasts", [True, False])
-def test_a_rotation_about_a_principal_axis_but_for_a_trace_is_steady(lasts):
+def test_near_principal_rotation_is_steady(lasts):
     """Whose squares across the axis are no numbers: the attitude was once NaN."""
     load = nt.sine((1e-200, 0, 0), 0.7) if lasts else None
     for axis, J, across in product(range(3), ([3, 4, 5], [3, 3, 5], [1, 4, 4.9999]), (1e-40, 1e-149, 1e-160)):
@@ -149,7 +149,7 @@ INTEGRATED = {
 
 
 @pytest.mark.parametrize("case", INTEGRATED)
-def test_integrals_over_time_have_the_order_of_the_scheme(case):
+def test_order_of_integrals(case):
     """Of steps, by the nodes of the load; of the exact motion after the load, which is much more accurate."""
     body, load = INTEGRATED[case]
     how = {"t_end": 2, "load": load, "reduce": ["averages", "total_twist"]}
@@ -164,7 +164,7 @@ def test_integrals_over_time_have_the_order_of_the_scheme(case):
         assert np.log2(seen[0] / seen[1]) == pytest.approx(order, abs=0.5)
 
 
-def test_an_ensemble_says_which_member_is_refused_or_goes_too_far():
+def test_refused_member_is_named():
     how, W = {"t_end": 1, "step": 0.1, "integrator": "split"}, [(0, 1, 0), (0, 1e16, 0)]
     with pytest.raises(ValueError, match=r"^member 1: split needs a constrained axis that is principal"):
         nt.simulate_ensemble(nt.DirectorSystem.stack([HELD, BODIES["suslov"]()]), **how)
@@ -174,7 +174,7 @@ def test_an_ensemble_says_which_member_is_refused_or_goes_too_far():
 
 
 @pytest.mark.parametrize("body", [nt.standard, nt.nontwisting])
-def test_turns_that_leave_no_digit_end_a_run_and_keep_what_was_before(body):
+def test_too_large_turns_end_runs(body):
     how = {"load": nt.sine([1, 0, 0], 1.0), "t_end": 1, "step": 0.1, "material_angular_velocity": (0, 1e17, 0)}
     with pytest.raises(SimulationError, match=r"step 0 at t = 0 s: the body turns 1e\+16 rad in one step"):
         nt.simulate(body([3, 4, 5]), integrator="split", **how)
@@ -188,7 +188,7 @@ def test_turns_that_leave_no_digit_end_a_run_and_keep_what_was_before(body):
     ("integrator", "load"),
     [("split", None), ("split", nt.damping(0.3)), ("lie-midpoint", None), ("energy-momentum", nt.damping(0.3))],
 )
-def test_means_between_times_that_are_nodes_are_those_between_nodes(integrator, load):
+def test_means_between_times(integrator, load):
     body = nt.with_gravity(HELD, 2, (0.1, 0.1, 0.5))
     how = {"t_end": 1, "step": 0.01, "material_angular_velocity": [1, 2, 0], "integrator": integrator, "load": load}
     nodes, times = nt.simulate(body, store=10, **how), nt.simulate(body, times=np.linspace(0, 1, 11), **how)
@@ -198,7 +198,7 @@ def test_means_between_times_that_are_nodes_are_those_between_nodes(integrator, 
 
 
 @pytest.mark.parametrize("order", HALVES)
-def test_coefficients_are_symmetric_and_loads_are_sampled_inside_the_step(order):
+def test_coefficients_are_symmetric(order):
     """Σ γ = 1 and Σ γ³ = Σ γ⁵ = ... = 0: the conditions of a linear problem."""
     gamma, c = fractions(order), nodes(order)
     for power in range(1, order, 2):

@@ -41,7 +41,7 @@ CASES += [("standard", "gauss", 8, compiled_load(drag)), ("standard", "energy-mo
 
 
 @pytest.mark.parametrize(("body", "integrator", "order", "load"), or_long(CASES[::3], CASES[1::3] + CASES[2::3]))
-def test_it_continues_a_run_with_its_bits(body, integrator, order, load):
+def test_continues_a_run(body, integrator, order, load):
     """Of more than a turn: the quaternion does not jump, whatever its sign is in the run."""
     system, how = BODIES[body](), {"integrator": integrator, "order": order}
     loop, how = nt.stepper(system, H, load=load, **how), how | {"step": H, "project": True}
@@ -63,7 +63,7 @@ def test_it_continues_a_run_with_its_bits(body, integrator, order, load):
         assert loop.rotation.as_matrix() == pytest.approx(whole.directors[-1].T, abs=1e-15)
 
 
-def test_the_constraint_bears_the_moment_about_its_axis():
+def test_constraint_bears_axial_moment():
     loop = nt.stepper(nt.nontwisting([3, 4, 5]), 0.01)
     assert loop.state.reaction_moment == 0
     state = loop.step(body_moment=(0, 0, 2))
@@ -74,7 +74,7 @@ def test_the_constraint_bears_the_moment_about_its_axis():
     assert loop.reset(material_angular_velocity=(1, 0, 1), project=True).material_angular_velocity == (1, 0, 0)
 
 
-def test_it_starts_at_rest_at_the_identity_and_again():
+def test_starts_at_rest():
     loop = nt.stepper(FREE, H)
     first = loop.state
     assert (loop.time, first.steps, first.load_work) == (0, 0, 0)
@@ -91,13 +91,13 @@ def test_it_starts_at_rest_at_the_identity_and_again():
     assert again.material_angular_velocity == pytest.approx(body.material_angular_velocity, abs=1e-15)
 
 
-def test_time_is_counted_and_not_added_up():
+def test_time_is_counted():
     loop = nt.stepper(FREE, 0.1)
     loop.reset(time=3.7)
     assert [loop.step().time for _ in range(1000)] == [3.7 + k * 0.1 for k in range(1, 1001)]
 
 
-def test_every_form_of_a_moment_is_the_same():
+def test_forms_of_a_moment():
     loop = nt.stepper(FREE, H)
     now, found = loop.reset(**START), set()
     forms = (1, 0, 2), [1.0, 0.0, 2.0], np.array([1, 0, 2]), np.array([1.0, 0, 2]), (np.float64(1), 0, True * 2)
@@ -107,7 +107,7 @@ def test_every_form_of_a_moment_is_the_same():
     assert len(found) == 1
 
 
-def test_the_order_is_2_unless_another_is_asked_for():
+def test_default_order():
     assert nt.stepper(FREE, H).integrator == LieMidpoint(order=2)
     assert nt.stepper(FREE, H, integrator="energy-momentum").integrator == EnergyMomentum(order=2)
     assert nt.stepper(FREE, H, integrator="gauss").integrator == Gauss(order=2)
@@ -115,7 +115,7 @@ def test_the_order_is_2_unless_another_is_asked_for():
     assert nt.stepper(FREE, H, integrator=Gauss()).integrator == Gauss(order=8)
 
 
-def test_a_stepper_with_friction_sees_the_time():
+def test_friction_sees_the_time():
     """``J W' = t - 1/2`` while it slides."""
     load = nt.body_moment(lambda t: np.array([t, 0, 0])) + nt.dry_friction(0.5, "x")
     loop = nt.stepper(nt.standard([3, 4, 5]), 0.125, load=load)
@@ -124,7 +124,7 @@ def test_a_stepper_with_friction_sees_the_time():
     assert states[-1].material_angular_velocity[0] == pytest.approx(1.5**2 / 2 / 3, rel=1e-13)
 
 
-def test_wrong_input_is_refused_and_leaves_the_state():
+def test_wrong_input_keeps_the_state():
     loop = nt.stepper(FREE, H)
     now = loop.reset(**START)
     for call in (
@@ -156,7 +156,7 @@ test_arguments_that_stepper_refuses = refused_as(
 
 
 @pytest.mark.parametrize(("integrator", "order"), SCHEMES[::2])
-def test_a_step_that_fails_says_what_a_run_says_and_leaves_the_state(integrator, order):
+def test_failing_step_keeps_the_state(integrator, order):
     h, push = 1 / 16, (60.0, 0.0, 0.0)
     loop = nt.stepper(FREE, h, integrator=integrator, order=order)
     now = loop.reset(**START)
@@ -191,7 +191,7 @@ def late_compiled(t, directors, angular_velocity):
 FAILING = [(nt.body_moment, late), (nt.moment, late), (compiled_load, late_compiled)]
 
 
-def test_a_load_that_is_too_steep_is_called_with_numbers_alone():
+def test_too_steep_load():
     seen = []
     steep = nt.moment(lambda t, d, w: seen.append([*d.ravel(), *w]) or tuple(1e200 * (1 + w**2)))
     with pytest.raises(SimulationError):
@@ -200,7 +200,7 @@ def test_a_load_that_is_too_steep_is_called_with_numbers_alone():
 
 
 @pytest.mark.parametrize(("make", "function"), FAILING)
-def test_a_load_that_fails_says_what_a_run_says_and_leaves_the_state(make, function):
+def test_failing_load_keeps_the_state(make, function):
     loop = nt.stepper(FREE, H, load=make(function))
     with pytest.raises(SimulationError) as failed:
         states(loop)
@@ -216,7 +216,7 @@ def test_a_load_that_fails_says_what_a_run_says_and_leaves_the_state(make, funct
     assert loop.step().time == H
 
 
-def test_an_interrupt_in_a_load_passes_and_keeps_the_state():
+def test_interrupt_in_a_load():
     calls = []
 
     def interrupting(t, directors, angular_velocity):
@@ -233,7 +233,7 @@ def test_an_interrupt_in_a_load_passes_and_keeps_the_state():
     assert loop.step().time == H
 
 
-def test_a_work_that_is_not_finite_is_no_state():
+def test_infinite_work():
     """The load is asked once more for the work, at the velocity of the step, when the iteration is done."""
     asked = []
 
@@ -256,7 +256,7 @@ def test_a_work_that_is_not_finite_is_no_state():
     assert loop.state is now
 
 
-def test_copies_and_other_steppers_lead_where_a_state_led():
+def test_copies():
     """A state that is set again, in the stepper, a copy of it, or another of its kind; these go their own ways."""
     how = {"integrator": "gauss", "order": 4}
     loop = nt.stepper(BODIES["suslov"](), H, load=nt.sine((1, 0, 0), 1) + nt.damping(0.1), **how)
@@ -304,7 +304,7 @@ def test_steppers_in_threads_are_independent():
         assert list(pool.map(driven, range(4))) == alone
 
 
-def test_a_stepper_takes_one_step_at_a_time():
+def test_one_step_at_a_time():
     """A load that steps it again, as another thread could, is refused; afterwards it goes on."""
     again = []
 
@@ -338,7 +338,7 @@ WHEELS = (
 
 
 @pytest.mark.parametrize("load", [nt.damping(0.1), WHEELS, WHEELS + SLOW])
-def test_runs_go_on_from_states_of_steppers_and_events(load):
+def test_runs_continue_from_its_states(load):
     """With time, velocity, wheels and memory, as if one run had not ended."""
     how = {"integrator": "gauss", "order": 4, "load": load}
     whole = nt.integrate(FREE, t_end=2, step=H, **START, **how)
@@ -360,7 +360,7 @@ def test_runs_go_on_from_states_of_steppers_and_events(load):
         nt.integrate(FREE, start=loop.state, t_end=2)
 
 
-def test_a_torque_of_one_wheel_is_a_number():
+def test_torque_of_one_wheel():
     one, same = (nt.stepper(FREE, H, load=nt.wheel("z", 0.1, 2.0)) for _ in range(2))
     assert one.step(wheel_torque=0.2) == same.step(wheel_torque=(0.2,))
     with pytest.raises(ValueError, match=r"^wheel_torque needs wheels, and the load has none: load=wheel\("):

@@ -49,7 +49,7 @@ LOADS = {  # of moments s r², times over r, damping s r
 
 
 @pytest.mark.parametrize(("scheme", "body"), marked(PAIRS))
-def test_a_member_with_statistics_has_the_same_bits(scheme, body):
+def test_statistics_change_no_bit(scheme, body):
     how = {"t_end": 0.5, "step": 0.02, "store": 5, "load": nt.sine((1, 2, 3), 0.7) + nt.damping([0.1, 0.2, 0.3])}
     how |= {"integrator": scheme, "order": SCHEMES[scheme].orders[:2][-1]}
     how["material_angular_velocity"] = starts(BODIES[body], 3)
@@ -64,7 +64,7 @@ CLOSED = [("exact", "standard", "none"), ("exact", "symmetric", "none"), ("exact
 
 
 @pytest.mark.parametrize(("scheme", "body", "load"), [*marked(FREE, 2), *marked(CALLED), *CLOSED])
-def test_scaling_by_powers_of_two_changes_no_bit(scheme, body, load):
+def test_powers_of_two_scale_exactly(scheme, body, load):
     """J times s, W times r, times over r, moments times s r², damping times s r, dead forces times s r²."""
     own = BODIES.get(body) or nt.nontwisting([3, 3, 5])
     W = np.array([1, 2, 0]) if body == "symmetric" else starts(own, 3)[1]

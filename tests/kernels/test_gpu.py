@@ -215,7 +215,7 @@ EVERY = product(
 
 
 @pytest.mark.parametrize(("scheme", "body", "load", "how"), or_long(PAIRS, [*EVERY, *FORMER]))
-def test_a_thread_gives_what_the_processor_gives(driver, codes, scheme, body, load, how):
+def test_thread_equals_processor(driver, codes, scheme, body, load, how):
     made = MORE[load]() if load in MORE else LOADS[load][0]()
     compared(codes, body, integrator=SCHEMES[scheme], load=made, load_scale=1 + 0.1 * np.arange(len(W)), **how)
     require_ptx(codes[-1])
@@ -238,7 +238,7 @@ def test_pauses_and_kinds_of_motion(driver, codes, monkeypatch):
     assert [count for _, count in driver.launched] == [3, 2] * 3
 
 
-def test_a_run_of_many_blocks_of_threads_continues(driver, codes):
+def test_blocks_of_threads_continue(driver, codes):
     body, how = BODIES["standard"](1.0), {"integrator": "lie-midpoint", "t_end": 3, "step": 0.05}
     many = np.random.default_rng(5).normal(size=(150, 3))
     first, same = compared(codes, body, material_angular_velocity=many, **how)
@@ -253,7 +253,7 @@ def root(t, d, w):
 
 
 @pytest.mark.parametrize("load", [None, nt.moment(root, compiled=True)])
-def test_members_fail_as_on_the_processor(driver, codes, load):
+def test_members_fail_as_on_processor(driver, codes, load):
     fast = W[0] * np.linspace(0.5, 60, 8)[:, None]
     _, found = compared(codes, "standard", integrator="lie-midpoint", load=load, material_angular_velocity=fast)
     assert 0 < (found.status != 0).sum() < 8
@@ -291,7 +291,7 @@ REFUSED = {
 
 
 @pytest.mark.parametrize("name", REFUSED)
-def test_what_does_not_run_there_is_named(driver, name):
+def test_refusals(driver, name):
     with says():
         nt.simulate_ensemble(BODIES["standard"](1.0), **HOW | REFUSED[name]())
 
@@ -300,7 +300,7 @@ def of_tangent(t, d, w):
     return np.tan(w[0]), 0, 0
 
 
-def test_functions_that_it_lacks_are_named(driver):
+def test_missing_functions(driver):
     load = nt.moment(of_tangent, compiled=True)
     with pytest.raises(
         ValueError, match=r"load of_tangent cannot .* a GPU has no tan here, but sin, cos, exp and sqrt"

@@ -108,7 +108,7 @@ def smooth(x):
     return Vector(first, second, third + select(a < b, a * b, b - c) + c**3)
 
 
-def test_duals_agree_with_many_digits_and_with_the_machine():
+def test_duals_by_many_digits():
     def text(x, out):
         put(out, tuple(jacobian(smooth, vector_at(x))))
 
@@ -123,7 +123,7 @@ def test_duals_agree_with_many_digits_and_with_the_machine():
     np.testing.assert_allclose(by_machine, np.array(slopes, float).ravel(), rtol=1e-13)
 
 
-def test_duals_where_there_is_no_derivative():
+def test_duals_without_derivative():
     x = seeded(Vector(0.0, 0.0, 0.0))
     r = sqrt(x @ x)
     assert (plain(r), *(tangent(r, j) for j in range(3))) == (0.0, 0.0, 0.0, 0.0)
@@ -177,7 +177,7 @@ def again(x):
     return again(x)
 
 
-def test_a_part_is_traced_for_each_of_its_constants():
+def test_part_per_constant():
     combined = part(lambda x, how: x * x if how == "square" else x + x)
 
     @kernel("f8 -> f8, f8, f8")
@@ -271,7 +271,7 @@ def test_forked_children_trace_for_themselves():
     assert found.stdout == "failed 0\n", found.stderr
 
 
-def test_kernels_run_without_the_interpreter_lock():
+def test_kernels_release_the_lock():
     @kernel("i8 -> f8")
     def long(n):
         v = Variables(x=1.0)
@@ -303,7 +303,7 @@ def test_kernels_run_without_the_interpreter_lock():
     assert seen
 
 
-def test_texts_keep_in_variables_what_changes():
+def test_variables_of_texts():
     texts = {path: path.read_text(encoding="utf-8") for path in ROOT.rglob("*.py")}
     texts = {path: text for path, text in texts.items() if "loop(" in text or "when(" in text or "whilst(" in text}
     assert len(texts) > 10
@@ -333,7 +333,7 @@ def right(x):
 """
 
 
-def test_the_rule_finds_what_is_wrong():
+def test_rule_finds_faults():
     assert [line for line, _ in faults(WRONG)] == [5, 9, 12]
 
 
@@ -351,7 +351,7 @@ def exponential(out):
             out[3 * n + j] = number
 
 
-def test_series_solve_an_equation_that_has_a_closed_form():
+def test_series_of_a_closed_form():
     """``x = 1 / (1 - a e^(-kt))`` with a = 1 - 1/x(0); on floats as on the machine."""
     out, by_floats = np.full((2, 3 * (ORDER + 2)), 2.0)
     kernel("f8[:]")(exponential)(out)

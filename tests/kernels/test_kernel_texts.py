@@ -142,7 +142,7 @@ KERNELS = dict(kernels())
 
 
 @pytest.mark.parametrize("name", KERNELS)
-def test_floats_and_machine_code_have_the_same_bits(name):
+def test_floats_equal_machine_code(name):
     kernel, results = KERNELS[name], []
     for arguments in CASES[kernel]:
         is_stream = kernel is path_kernels.count

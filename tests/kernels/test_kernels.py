@@ -78,7 +78,7 @@ def infinite(t, d, w):
 
 @pytest.mark.parametrize("function", [root, infinite])
 @pytest.mark.filterwarnings("ignore:invalid value:RuntimeWarning")
-def test_a_compiled_load_that_fails_says_why_and_when(function):
+def test_failing_compiled_load(function):
     with says(SimulationError) as info:
         nt.integrate(nt.standard([1, 1, 1]), t_end=1, step=0.1, order=2, load=nt.moment(function, compiled=True))
     assert info.value.status == Status.LOAD
@@ -86,7 +86,7 @@ def test_a_compiled_load_that_fails_says_why_and_when(function):
     assert info.value.partial.time == pytest.approx([0, 0.1, 0.2, 0.3, 0.4, 0.5])
 
 
-def test_a_step_that_turns_too_far():
+def test_step_turns_too_far():
     how = {"integrator": "lie-midpoint", "t_end": 4}
     nt.integrate(nt.standard([1, 1, 1]), step=1, angular_velocity=[0, 0, 3.1], **how)
     with pytest.raises(SimulationError, match=r"step 0 .* turns 3.2 rad in one step; try step <= 0.2") as info:
@@ -119,7 +119,7 @@ def needles():
     ("name", "body", "W", "t_end", "step", "bound"),
     [pytest.param(*one, marks=[pytest.mark.long] * (one[0] in (Gauss(8), Gauss(12)))) for one in needles()],
 )
-def test_needles_keep_their_energy_and_momentum(name, body, W, t_end, step, bound):
+def test_needles_keep_invariants(name, body, W, t_end, step, bound):
     """Where the spin is the round-off of all P, or fills the first increment of Newton's iteration; none stalls."""
     how = {"t_end": t_end, "step": step, "store": 1, "variables": "all", "integrator": name}
     run = nt.simulate_ensemble(body, material_angular_velocity=W, **how)
@@ -144,7 +144,7 @@ STRONG = [(start, m, c) for start, m in ((1.0, 0.0), (0.0, 2.0)) for c in (1.0, 
     ("name", "body"), [*product(REFERENCES, [nt.nontwisting]), *product(["split"], [nt.nontwisting, nt.standard])]
 )
 @pytest.mark.filterwarnings("error", "ignore::UserWarning")
-def test_drag_of_slow_bodies_and_of_any_strength_in_split_converges(name, body, compiled):
+def test_drag_in_split_converges(name, body, compiled):
     """J (W1 - W0) = h (m - c |Wm| Wm) about a principal axis has one solution."""
     J, h = 3.0, 0.5
     for start, m, c in SLOW + STRONG * (name == "split"):
@@ -165,7 +165,7 @@ def wild(t, d, w):
 
 
 @pytest.mark.parametrize("scheme", ["energy-momentum", "lie-midpoint", "gauss"])
-def test_kernels_find_what_stalls_and_broken_attitudes(scheme, monkeypatch):
+def test_stalls_and_broken_attitudes(scheme, monkeypatch):
     how = {"t_end": 1, "step": 0.1, "angular_velocity": [1, 2, 3], "integrator": scheme}
     with pytest.raises(SimulationError, match="Newton's iteration stalled at a residual of") as info:
         nt.integrate(nt.standard([1, 1, 1]), load=50 * compiled_load(wild), **how)
@@ -178,7 +178,7 @@ def test_kernels_find_what_stalls_and_broken_attitudes(scheme, monkeypatch):
         assert info.value.status == Status.BROKEN
 
 
-def test_a_load_that_fails_in_a_later_block_is_a_failure_of_the_run(monkeypatch):
+def test_load_fails_in_later_block(monkeypatch):
     monkeypatch.setattr(stack_march, "NODES", 4)
     load = nt.space_moment(lambda t: (0, 0, 1 / (t < 0.5)))
     with pytest.raises(SimulationError, match=r"raised ZeroDivisionError at t = 0.55 s") as info:
@@ -200,7 +200,7 @@ for name in nt.integrators.INTEGRATORS:
 """
 
 
-def test_what_is_slow_to_import_is_not_imported_before_it_is_needed():
+def test_late_imports():
     done = subprocess.run([sys.executable, "-c", WITHOUT_WHAT_IS_SLOW], capture_output=True, text=True, check=True)
     assert done.stderr == ""
     assert done.stdout.split() == ["names", "frames", "stepper", "propagator", *["integrate"] * (len(INTEGRATORS) - 1)]

@@ -31,7 +31,7 @@ FIRST = (
 
 
 @pytest.mark.parametrize("is_archive", [False, True])
-def test_it_runs_read_only_and_homeless_and_isolated_and_in_an_archive(is_archive, tmp_path):
+def test_read_only_homeless_isolated_archived(is_archive, tmp_path):
     shutil.copytree(HERE, tmp_path / "nontwist", ignore=shutil.ignore_patterns("__pycache__"))
     path = shutil.make_archive(str(tmp_path / "packages"), "zip", tmp_path, "nontwist") if is_archive else str(tmp_path)
     before = sorted(tmp_path.rglob("*"))
@@ -59,7 +59,7 @@ def test_it_runs_read_only_and_homeless_and_isolated_and_in_an_archive(is_archiv
         ("core2", "+sse2", "+sse2", 2),
     ],
 )
-def test_processors_have_the_vectors_that_are_fast_on_them(name, features, found, lanes, monkeypatch):
+def test_vectors_of_processors(name, features, found, lanes, monkeypatch):
     llvm = SimpleNamespace(
         get_host_cpu_name=lambda: name,
         get_host_cpu_features=lambda: SimpleNamespace(flatten=lambda: features),
@@ -77,7 +77,7 @@ PROCESSORS = {"haswell": "+avx,+avx2,+fma", "znver2": "+avx,+avx2,+fma", "skylak
 
 
 @pytest.mark.parametrize(("name", "order"), or_long([CASES[0], *CASES[2:3], CASES[4]], [CASES[1], CASES[3]]))
-def test_what_is_done_for_speed_and_other_processors_change_no_bit(name, order, monkeypatch):
+def test_optimisation_changes_no_bit(name, order, monkeypatch):
     """Processors of this kind that this one contains."""
     monkeypatch.setattr(stack_march, "march_kernel", stack_march.march_kernel.__wrapped__)
     monkeypatch.setattr(dense, "output_kernel", dense.output_kernel.__wrapped__)
@@ -93,7 +93,7 @@ def test_what_is_done_for_speed_and_other_processors_change_no_bit(name, order, 
     assert len(found) == 1
 
 
-def test_a_pure_line_is_written_once_where_it_is_known():
+def test_pure_line_is_written_once():
     tracer = machine_code.Tracer(1, False)
     tracer.open("f", "double %a")
     names = [tracer.value("fadd double %a, %a") for _ in range(2)]

@@ -86,7 +86,7 @@ def on_floats(monkeypatch):
 @pytest.mark.parametrize(
     ("scheme", "body", "load", "how"), or_long(CASES[::4], CASES[1::4] + CASES[2::4] + CASES[3::4])
 )
-def test_texts_on_floats_have_the_bits_of_their_kernels(scheme, body, load, how, request, monkeypatch):
+def test_floats_equal_machine_code(scheme, body, load, how, request, monkeypatch):
     """Where `gauss` needs Newton's iteration as well."""
     body, about = BODIES[body](1.0), how | {"load": OWN.get(load) or made_load(load), "integrator": SCHEMES[scheme]}
     machine = nt.simulate(body, **about)
@@ -118,7 +118,7 @@ def test_values_and_functions_are_arguments():
 
 
 @pytest.mark.parametrize("threads", [1, 3])
-def test_blocks_make_a_span_and_the_first_exception_cancels_those_that_have_not_begun(threads, monkeypatch):
+def test_exception_cancels_later_blocks(threads, monkeypatch):
     """The first block fails, the others end when those that have not begun are cancelled."""
     begun, reported, cancelled = [], [], Event()
 
@@ -158,7 +158,7 @@ RUNS = [
 
 
 @pytest.mark.parametrize(("body", "load", "how"), RUNS)
-def test_marches_that_are_kept_change_no_bit(body, load, how, monkeypatch):
+def test_kept_marches_change_no_bit(body, load, how, monkeypatch):
     acting = OWN.get(load) or made_load(load)
     known = {"t_end": 0.25, "load": acting, "project": True, **how}
 
@@ -174,7 +174,7 @@ def test_marches_that_are_kept_change_no_bit(body, load, how, monkeypatch):
     assert [bits(*W) for W in starts] == kept
 
 
-def test_an_ensemble_of_one_has_its_own_scale_of_the_load():
+def test_scale_of_ensemble_of_one():
     how = {"t_end": 1, "step": 0.05, "load": nt.sine((1, -2, 0.5), 0.7) + nt.damping(0.3)}
     for scale in (2.0, 0.5, 2.0):
         run = nt.integrate(nt.standard([3, 4, 5]), **how | {"load": scale * how["load"]})
@@ -183,7 +183,7 @@ def test_an_ensemble_of_one_has_its_own_scale_of_the_load():
 
 
 @pytest.mark.parametrize("how", [{}, {"step": 0.1}, {"times": [0.5, 1.0]}])
-def test_functions_in_python_are_called_anew_in_every_run(how):
+def test_python_functions_per_run(how):
     gain = [1.0]
     load = nt.body_moment(lambda t: np.array([gain[0] * np.cos(t), 0, 0]))
 

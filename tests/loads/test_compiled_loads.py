@@ -132,7 +132,7 @@ FINE = {f.__name__: f for f in FINE} | {
 
 @pytest.mark.parametrize("name", FINE)
 @pytest.mark.filterwarnings("ignore:divide by zero:RuntimeWarning", "ignore:invalid value:RuntimeWarning")
-def test_machine_code_gives_what_python_gives_and_its_derivatives(name):
+def test_compiled_equals_python(name):
     """By dual numbers; central differences wherever those to both sides agree, which at kinks they do not."""
     function, term, compared = FINE[name], moment(FINE[name], compiled=True).terms[0], 0
 
@@ -167,7 +167,7 @@ OTHERS = {  # how mpmath has them
 }
 
 
-def test_every_function_of_numpy_has_its_derivative():
+def test_numpy_functions_have_derivatives():
     def function(t, d, w):
         x = d[0, 0]
         return sum(getattr(np, name)(x) for name in [*FUNCTIONS.split(), *OTHERS]) + np.arccosh(1 + x), t ** w[2], 0.0
@@ -240,7 +240,7 @@ REFUSED = {  # the function, the line after its first, what is said
 
 
 @pytest.mark.parametrize("name", REFUSED)
-def test_what_cannot_be_compiled_is_refused_with_its_line(name):
+def test_refused_with_the_line(name):
     function, line, words_of_it = REFUSED[name]
     code = getattr(function, "__code__", None) or type(function).__call__.__code__
     before = (list(WEIGHTS), dict(memory), calls)
@@ -252,7 +252,7 @@ def test_what_cannot_be_compiled_is_refused_with_its_line(name):
     assert before == (WEIGHTS, memory, calls)
 
 
-def test_functions_are_compiled_once_with_what_they_hold():
+def test_compiled_once():
     factor, weights = 2.0, np.array([1.0, 2.0, 3.0])
 
     def held(t, d, w):
@@ -267,7 +267,7 @@ def test_functions_are_compiled_once_with_what_they_hold():
     assert machine(total, 0.0, np.eye(3), np.ones(3)) == pytest.approx([12.0, 24.0, 36.0], rel=1e-15)
 
 
-def test_forces_and_gradients_are_refused_as_moments_are():
+def test_forces_and_gradients_are_refused():
     with pytest.raises(ValueError, match="it returns 3 values; return three rows of three numbers"):
         director_forces(lambda t, d, w: w, compiled=True)
     with pytest.raises(ValueError, match="the load <lambda> cannot be compiled: it branches"):
@@ -275,7 +275,7 @@ def test_forces_and_gradients_are_refused_as_moments_are():
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="there is no resource module")
-def test_many_compiled_loads_take_little_memory():
+def test_memory_of_many_loads():
     def grown_by(count):
         before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
         load = [moment(lambda t, d, w, a=a: a * np.cos(a * t) * w, compiled=True) for a in map(float, range(1, count))]
@@ -344,7 +344,7 @@ MADE = {
 
 
 @pytest.mark.parametrize("name", MADE)
-def test_c_functions_give_the_same_motion_bit_for_bit(name, from_c):
+def test_c_functions_are_exact(name, from_c):
     """Alone, in a sum, and called by Python; in other ways to run a body: `test_contract`."""
     load, same, body = moment(MADE[name](from_c)), compiled_load(swing), BODIES["standard"]()
     assert load.is_compiled
@@ -360,7 +360,7 @@ def test_c_functions_give_the_same_motion_bit_for_bit(name, from_c):
         assert np.array_equal(load.state_moment(0.5, directors, w), swing(0.5, directors, w))
 
 
-def test_a_c_function_is_a_value_that_cannot_be_pickled(from_c):
+def test_c_function_cannot_be_pickled(from_c):
     load = moment(from_c)
     assert load == moment(from_c)
     assert hash(load) == hash(moment(from_c))

@@ -24,7 +24,7 @@ PAIR = nt.wheel(AXES[0], 0.2, 2.0, swing, viscous=0.03, coulomb=0.05) + nt.wheel
 ONE = nt.wheel(AXES[0], 0.2, 2.0, viscous=0.03, coulomb=0.05)
 
 
-def test_a_wheel_runs_down_and_stands():
+def test_wheel_runs_down():
     """Ω' = -(b Ω + c)(1/I + 1/(J - I)) about one axis: Ω = (Ω_0 + c/b) e^{-kt} - c/b until it is zero."""
     inertia, b, c = 0.2, 0.1, 0.05
     k = b * (1 / inertia + 1 / (5 - inertia))
@@ -42,7 +42,7 @@ def test_a_wheel_runs_down_and_stands():
 
 
 @pytest.mark.parametrize("scheme", ["gauss", "lie-midpoint"])
-def test_a_torque_moves_it_where_it_exceeds_the_limit(scheme):
+def test_torque_exceeds_the_limit(scheme):
     """From c to -c, which is reached at t = 2.5; then Ω' = -0.02 (t - 2.5)(1/I + 1/(J - I))."""
     load = nt.wheel("z", 0.2, torque=([0, 2.5, 5], [0.05, -0.05, -0.1]), coulomb=0.05)
     run = nt.simulate(nt.standard(J), t_end=5, step=0.1, load=load, integrator=scheme)
@@ -55,7 +55,7 @@ def test_a_torque_moves_it_where_it_exceeds_the_limit(scheme):
 
 
 @pytest.mark.parametrize("rubs", [False, True])
-def test_skew_wheels_stand_and_slip_as_scipy_finds(rubs):
+def test_skew_wheels_by_scipy(rubs):
     """Also beside dry friction about two axes of the body."""
     times, load, more = np.linspace(0, 9 if rubs else 6, 16), PAIR, ()
     if rubs:
@@ -88,7 +88,7 @@ def test_skew_wheels_stand_and_slip_as_scipy_finds(rubs):
 
 @pytest.mark.parametrize("scheme", ["gauss", "lie-midpoint"])
 @pytest.mark.parametrize(("axis", "beside"), [("z", "wheel"), (None, "driven wheel"), (None, "memory")])
-def test_a_body_rests_until_what_it_carries_moves_it(beside, axis, scheme):
+def test_body_rests_until_moved(beside, axis, scheme):
     """A ramp of 3 N m a second from 6 s on exceeds the limit 0.3 at 6.1 s."""
     ramp = ([0, 6, 6.5, 12], [0, 0, 1.5, 1.5])
     loads = {
@@ -108,7 +108,7 @@ def test_a_body_rests_until_what_it_carries_moves_it(beside, axis, scheme):
     assert spin == pytest.approx(expected, abs=2e-8 if axis is None else 1e-12)
 
 
-def test_statistics_are_those_of_the_run():
+def test_statistics():
     body, load = nt.with_gravity(BODIES["suslov"], 1, (0, 0, 0.5)), ONE + nt.dry_friction(0.05, (0.6, 0, 0.8))
     how = {"t_end": 3, "step": 0.05, "load": load, "project": True}
     starts = np.array([W0, -0.5 * W0, 1e5 * W0])
@@ -132,7 +132,7 @@ def bump(t, speed):
 
 
 @pytest.mark.parametrize("step", [0.5, 0.04])
-def test_a_slip_that_begins_and_ends_within_a_step_is_found(step):
+def test_short_slip_within_a_step(step):
     """The torque exceeds the limit for 27 ms: Ω' = (τ - c)(1/I + 1/(J - I)) until Ω is zero again."""
     run = nt.simulate(nt.standard(J), t_end=2, step=step, load=nt.wheel("z", 0.2, torque=bump, coulomb=0.05))
     begin = 0.52 - 0.3 * np.sqrt(np.log(0.0501 / 0.05))
@@ -151,7 +151,7 @@ def test_a_slip_that_begins_and_ends_within_a_step_is_found(step):
     assert run.wheel_speed.values[-1, 0] == 0
 
 
-def test_a_wheel_whose_friction_is_huge_stands_at_once():
+def test_huge_friction():
     """What is left is the momentum of the locked body; the energy of the slip is lost in 6e-11 s."""
     load = nt.wheel("z", 0.2, speed=3, coulomb=1e10)
     run = nt.simulate(nt.standard(J), t_end=1, load=load, angular_velocity=(0, 0, 0.3))
@@ -177,7 +177,7 @@ def remembered(t, z, directors, w):
     return np.array([-0.2 * z[0], 0.1 * z[0] * w[2], 0.0])
 
 
-def test_beside_another_load_with_memory_what_holds_a_wheel_is_found():
+def test_with_another_memory_load():
     """λ = -I n·W' of the locked body: a limit above the largest holds the wheel as a part of it, one below does not."""
     beside = nt.memory_load(fading, remembered, [0.3], scale=[1.0], compiled=True)
     how = {"t_end": 4, "step": 0.01, "material_angular_velocity": W0}

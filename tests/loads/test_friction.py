@@ -62,7 +62,7 @@ def test_a_pendulum_sticks_and_stays(axis, how):
         (nt.suslov([[3, 0, 0], [0, 4, 1], [0, 1, 5]], "z"), "x", "gauss"),
     ],
 )
-def test_rest_ends_where_the_moment_reaches_the_limit(body, axis, scheme):
+def test_rest_ends_at_the_limit(body, axis, scheme):
     """J w' = 2 sin t - 1 from t = π/6 until w = 0, then 2 sin t + 1, since the moment is larger than the limit."""
     load = nt.sine((2, 0, 0), 0.5 / np.pi) + nt.dry_friction(1, axis)
     run = nt.simulate(body, t_end=4.3, step=0.05, load=load, integrator=scheme)
@@ -83,7 +83,7 @@ def drive(t):
     return np.array([0.9 * np.sin(1.3 * t), 0.4 * np.cos(t), 0.3])
 
 
-def test_a_body_that_turns_about_the_other_axes_sticks_and_slides_in_both_schemes():
+def test_axial_friction_in_both_schemes():
     """By `gauss` as SciPy has it: test_dry_wheels."""
     about, times = np.array([1, 2, 2]) / 3, np.linspace(0, 12, 25)
     how = {"load": nt.body_moment(drive) + nt.dry_friction(0.6, about), "step": 0.025, "times": times}
@@ -102,7 +102,7 @@ def test_a_body_that_turns_about_the_other_axes_sticks_and_slides_in_both_scheme
     assert abs(one - other).max() < SCHEMES["lie-midpoint"] * 0.025**2
 
 
-def test_a_tumbling_body_comes_to_rest_along_a_principal_axis():
+def test_tumbling_body_comes_to_rest():
     """Without an axis the direction of w turns without end as it vanishes; friction takes the whole energy."""
     W = np.array([1.0, 0.5, -0.7])
     times = np.array([0, 1, 2, 3, 4, 4.8])
@@ -117,7 +117,7 @@ def test_a_tumbling_body_comes_to_rest_along_a_principal_axis():
         assert run.dissipated_energy.sum() == pytest.approx(W @ J @ W / 2, rel=1e-13)
 
 
-def test_a_body_starts_where_the_moment_exceeds_the_limit():
+def test_body_starts_beyond_the_limit():
     """Its direction is then that of W', and turns: SciPy's Radau, from 1e-7 s later on, W = t²/2 W''."""
     turn, most = Rotation.from_rotvec([0.3, -0.5, 0.8]).as_matrix(), np.array([1.2, 0.7, -0.5])
     inertia = turn @ np.diag([1.0, 1.4, 1.9]) @ turn.T
@@ -155,7 +155,7 @@ ABOUT_Y = [  # body, axes of friction, load, scheme, and how many of 21 states s
 
 
 @pytest.mark.parametrize(("body", "axes", "load", "scheme", "count"), ABOUT_Y)
-def test_a_body_that_has_one_axis_left_turns_about_it(body, axes, load, scheme, count):
+def test_one_free_axis_turns(body, axes, load, scheme, count):
     """As the moments in Python turn it; under the load of `MANY` it slides about x as well at last."""
     start, y, acts, times = (
         Rotation.from_rotvec([0.3, -0.5, 0.8]),
@@ -183,7 +183,7 @@ def test_a_body_that_has_one_axis_left_turns_about_it(body, axes, load, scheme, 
         assert abs(np.diff(energy) - run.load_work).max() < 1e-14
 
 
-def test_what_holds_a_body_that_turns_about_one_axis():
+def test_holding_moment_about_one_axis():
     """The body of axis z sticks about x: ``μ = M_z + ω² J_xy - ω' J_yz`` under M, in the mean of each step."""
     J = np.array([[3, 0.4, 0.1], [0.4, 4, 0.3], [0.1, 0.3, 5]])
     load = nt.body_moment([0, 5], [[0, 1, 0], [5, 1, 2.5]]) + nt.dry_friction(9, "x")
@@ -202,7 +202,7 @@ def test_what_holds_a_body_that_turns_about_one_axis():
 
 
 @pytest.mark.parametrize(("axes", "scheme"), [("x", "gauss"), ("xz", "lie-midpoint")])
-def test_rotors_give_the_body_what_they_lose(axes, scheme):
+def test_rotors_push_the_body(axes, scheme):
     """About y, with kinks of the momentum between steps."""
     times, values = [0, 1.013, 2.027], [0.5, 2.5, 1]
     load = sum((nt.dry_friction(10, axis) for axis in axes), nt.rotor((0, 1, 0), times, values))
@@ -223,7 +223,7 @@ def test_a_massless_rod_slows_down(axis):
     assert run.material_angular_velocity.values == pytest.approx(np.outer(left, along), abs=1e-13)
 
 
-def test_a_wheel_turns_a_body_that_has_one_axis_left():
+def test_wheel_turns_the_free_axis():
     """About y J ω + I Ω stays, and Ω' = (torque - friction) (1/I + 1/(J - I))."""
     load = nt.wheel("y", 0.1, 5.0, torque=0.4, viscous=0.03, coulomb=0.05) + nt.dry_friction(1, "x")
     run = nt.simulate(nt.nontwisting(J), t_end=2, step=0.1, load=load, material_angular_velocity=(0, 0.7, 0))
@@ -238,7 +238,7 @@ HYSTERESIS = nt.memory_load(
 )
 
 
-def test_friction_holds_what_a_constraint_holds():
+def test_friction_beside_a_constraint():
     """A body without a constraint on which friction about x and z sticks, and one that does not twist: both about y."""
     J, load = np.array([[3, 0.2, 0], [0.2, 4, 0], [0, 0, 5]]), nt.wheel("y", 0.1, 5.0, torque=0.2) + HYSTERESIS
     load += nt.wheel((1, 2, 3), 0.2, 3.0, viscous=0.05, coulomb=0.1)
@@ -257,7 +257,7 @@ def test_friction_holds_what_a_constraint_holds():
     assert held.multipliers.values[3:, 0] == pytest.approx(mean[3:], abs=1e-9)
 
 
-def test_friction_sticks_on_a_body_of_any_inertia():
+def test_unphysical_inertia():
     body, load = nt.standard([1, 1, 3], physical=False), nt.dry_friction(1, "x") + nt.dry_friction(1, "y")
     run = nt.simulate(body, t_end=2, step=0.1, load=load, material_angular_velocity=(0.1, 0.2, 0.5))
     assert run.material_angular_velocity.values[-1] == pytest.approx([0, 0, 0.5], abs=1e-15)
@@ -306,7 +306,7 @@ def test_a_stall_names_the_jump(how, compiled):
     assert abs(run.angular_velocity.values[-1, 0]) == pytest.approx(0.1)
 
 
-def test_a_steep_law_that_is_smooth_is_no_jump():
+def test_steep_smooth_law():
     def steep(t, directors, w):
         return -np.tanh(w[0] / 1e-7), 0.0, 0.0
 
@@ -316,7 +316,7 @@ def test_a_steep_law_that_is_smooth_is_no_jump():
 
 
 @pytest.mark.parametrize("axis", ["x", None])
-def test_a_body_that_slides_ever_more_slowly_comes_to_rest(axis, monkeypatch):
+def test_ever_slower_sliding(axis, monkeypatch):
     """In thick oil, where |W| falls to round-off: at the attitude where gravity has the moment of the limit."""
     from nontwist.driver.rubbing import Rubbed
 
@@ -335,13 +335,13 @@ def test_a_body_that_slides_ever_more_slowly_comes_to_rest(axis, monkeypatch):
     assert run.sticking.values[-1].all()
 
 
-def test_a_moment_that_is_as_large_as_friction_lets_the_body_slide_on():
+def test_moment_equal_to_friction():
     load = nt.constant((0.5, 0, 0)) + nt.dry_friction(0.5, "x")
     run = nt.simulate(nt.standard([1, 2, 3 - 1e-9]), t_end=50, step=0.5, material_angular_velocity=(1, 0, 0), load=load)
     assert np.allclose(run.material_angular_velocity, [1, 0, 0], rtol=0, atol=1e-13)
 
 
-def test_a_jump_is_looked_for_from_the_last_state_that_is_stored(monkeypatch):
+def test_jump_after_the_last_state(monkeypatch):
     """And not from the start, with half of all calls of a load in Python."""
     from nontwist.driver import completion
 

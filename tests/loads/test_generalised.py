@@ -109,7 +109,7 @@ def truth(name):
 
 
 @pytest.mark.parametrize(("name", "way"), thinned(3, FORCED, STEPPING))
-def test_motion_and_work_in_every_integrator(name, way):
+def test_motion_and_work(name, way):
     """The order of both; that momentum changes by the moment, and energy by the work: `test_contract`."""
     load, (scheme, order), errors = FORCED[name][0](), way, []
     directors, work = truth(name)
@@ -137,7 +137,7 @@ def require_same(run, known, directors=1e-13, multipliers=1e-10):
 
 
 @pytest.mark.parametrize("body", [FREE, HELD, SLANTED], ids=["standard", "nontwisting", "suslov"])
-def test_director_scheme_is_that_of_the_paper(body):
+def test_director_scheme_of_the_paper(body):
     names = ("table in space", "table along directors", "compiled")
     load = sum((FORCED[name][0]() for name in names), nt.moment(lambda t, d, w: np.cross(d[2], [0, 0, 2.0])))
     how = {"t_end": 0.1, "step": 0.02, "load": load, **START}
@@ -150,7 +150,7 @@ def test_director_scheme_is_that_of_the_paper(body):
 
 @pytest.mark.parametrize("scheme", ["lie-midpoint", "energy-momentum"])
 @pytest.mark.parametrize("body", [FREE, HELD])
-def test_a_quadratic_potential_is_its_forces_on_directors(body, scheme):
+def test_quadratic_potential_is_director_forces(body, scheme):
     """Its discrete gradient is that at the mean, so the multipliers λ are those of forces."""
     by_forces = nt.director_forces(lambda t, d, w: along(UP, np.array([1.0, 2, -1]) + Q @ (d @ UP)))
     loads = QUADRATIC, by_forces
@@ -163,7 +163,7 @@ CASES = [*thinned(3, [FREE, HELD, SLANTED], POTENTIALS), *product([FREE], GYROST
 
 
 @pytest.mark.parametrize(("body", "name"), CASES)
-def test_energy_and_vertical_momentum_are_kept_at_large_steps(body, name):
+def test_invariants_at_large_steps(body, name):
     for scheme, order in (("lie-midpoint", 2), ("energy-momentum", 2), (EXACT, None), ("gauss", 2), ("gauss", 6)):
         load = (POTENTIALS | GYROSTATS)[name]
         run = nt.simulate(body, t_end=20, step=0.1, load=load, integrator=scheme, order=order, **START)
@@ -181,7 +181,7 @@ def test_energy_and_vertical_momentum_are_kept_at_large_steps(body, name):
 
 
 @pytest.mark.parametrize("wheel", [None, nt.rotor((0.6, 0, 0.8), 2), nt.rotor((0.6, 0, 0.8), [0, 1.5, 30], [0, 3, 1])])
-def test_the_integral_of_an_orbit_is_kept_and_counts_the_wheels(wheel):
+def test_orbit_integral_with_wheels(wheel):
     """K + V - A - n o·(π + Λh), by gauss to round-off where no wheel turns; other loads and constraints leave none."""
     load = nt.gravity_gradient(0.7, (1, 1, 0), (0, 0, 2), 0.3) + (wheel or nt.Load())
     ways = ((4, 0.1), (4, 0.05), (12, 0.05)) if wheel else ((2, 0.25), (12, 0.25))
@@ -200,7 +200,7 @@ def test_the_integral_of_an_orbit_is_kept_and_counts_the_wheels(wheel):
         assert "jacobi_integral" not in drifts(nt.simulate(FREE, t_end=1, step=0.1, load=other, **START))
 
 
-def test_large_steps_on_an_orbit_take_newtons_iteration():
+def test_large_steps_on_orbits():
     load, start = nt.gravity_gradient(0.5), {"material_angular_velocity": (0.2, 0.1, 3.0)}
     run = nt.simulate(FREE, t_end=30, step=0.6, load=load, order=8, **start)
     fine = nt.simulate(FREE, t_end=30, step=0.1, load=load, order=12, **start)
@@ -209,7 +209,7 @@ def test_large_steps_on_an_orbit_take_newtons_iteration():
 
 
 @pytest.mark.parametrize("scheme", ["lie-midpoint", "energy-momentum", "gauss", "split", "continuous"])
-def test_what_is_good_of_a_run_is_kept(scheme):
+def test_good_states_are_kept(scheme):
     broken = nt.potential((0, 0, 1.0), lambda g: g[2] + 1e9, lambda g: np.array([0, 0, 1.0]))  # a constant
     vars(broken.terms[0])["potential"] = lambda g: float("nan") if g[2] < -0.3 else float(g[2])
     start = {"rotation": Rotation.from_euler("x", 1.2), "material_angular_velocity": (1, 0, 0.5)}
@@ -219,7 +219,7 @@ def test_what_is_good_of_a_run_is_kept(scheme):
         assert len(caught.value.partial.time) > 2
 
 
-def test_a_gradient_is_checked_where_a_body_can_be():
+def test_gradient_is_checked():
     seen = []
     nt.potential((0, 0, 1), well, lambda g: seen.append(np.linalg.norm(g)) or slope(g))
     assert seen == pytest.approx(np.ones(5))
@@ -253,7 +253,7 @@ def test_records_make_the_load_again():
 
 
 @pytest.mark.parametrize(("integrator", "order", "bound"), [("lie-midpoint", 2, 2e-3), ("gauss", 8, 1e-11)])
-def test_a_prescribed_spin_under_potentials_and_forces(integrator, order, bound):
+def test_prescribed_spin(integrator, order, bound):
     load = POTENTIALS["spring"] + nt.director_forces(TIMES, FORCES, frame="body") + nt.rotor((0, 0, 1), 0.5)
     how = {"load": load, "rotation": START["rotation"], "material_angular_velocity": (1, 2, 0)}
     body = nt.nontwisting([3, 4, 5], spin=0.7)
@@ -263,7 +263,7 @@ def test_a_prescribed_spin_under_potentials_and_forces(integrator, order, bound)
 
 
 @pytest.mark.parametrize("integrator", ["lie-midpoint", "energy-momentum", "gauss", "split"])
-def test_the_moment_of_the_constraint_is_left_out_where_that_of_a_potential_is_not_known(integrator):
+def test_unknown_constraint_moment(integrator):
     start = START | {"material_angular_velocity": (1, 2, 0)}
     load, how = nt.dipole((1, 2, -3), (0, 0, 2)), {"t_end": 1, "step": 1 / 64, "integrator": integrator, **start}
     assert "spatial_reaction_moment" not in nt.simulate(HELD, load=QUADRATIC, **how)
@@ -279,7 +279,7 @@ def test_the_moment_of_the_constraint_is_left_out_where_that_of_a_potential_is_n
     [("gauss", 8), pytest.param("gauss", 16, marks=pytest.mark.long), ("lie-midpoint", 2), ("energy-momentum", 2)],
 )
 @pytest.mark.parametrize("kind", [nt.standard, nt.nontwisting])
-def test_bodies_that_springs_and_drag_bring_to_rest_stay_there(name, order, kind):
+def test_springs_and_drag_to_rest(name, order, kind):
     """The moments cancel up to their round-off, which no iteration can undercut: the run is completed all the same."""
     for seed in (1, 2, 3):
         rng = np.random.default_rng(seed)

@@ -34,7 +34,7 @@ from refusals import refused_as
 ROOT = Path(__file__).parents[2]
 
 
-def test_moments_of_time_and_where_they_break():
+def test_moments_and_breaks():
     table = nt.body_moment([1, 2, 4], [[0, 0, 0], [2, 4, 6], [0, 0, 2]])
     got = table.sample([0.5, 1.5, 2, 3, 5], "body")
     assert np.array_equal(got, [[0, 0, 0], [1, 2, 3], [2, 4, 6], [1, 2, 4], [0, 0, 0]])
@@ -86,7 +86,7 @@ def careless(t, directors, w):
     return w
 
 
-def test_a_load_cannot_change_the_state():
+def test_load_cannot_change_the_state():
     q, w = np.eye(3), np.ones(3)
     nt.moment(careless).state_moment(0, q, w)
     assert (q.sum(), w.sum()) == (3, 3)
@@ -104,7 +104,7 @@ class Bare(Term):
     pass
 
 
-def test_the_times_that_do_not_increase_are_named():
+def test_unsorted_times_are_named():
     with pytest.raises(ValueError, match=r"times\[3\] = 1 follows times\[2\] = 2"):
         nt.body_moment([0, 1, 2, 1, 3], np.zeros((5, 3)))
 
@@ -210,7 +210,7 @@ time = { t_end = 0.2, step = 0.1 }
 OVER = '[sweep]\nover = [{ key = "load.0.dipole.1", kind = "list", values = [0, 1, 2] }]\n'
 
 
-def test_a_load_that_is_registered_later_is_known_everywhere(magnet, write, tmp_path):
+def test_later_registered_load(magnet, write, tmp_path):
     pytest.importorskip("zarr")
     load, run_file = magnet([0.3, 0, 1.2], [0, 1, -2]).load, read_run_file(write(FILE))
     assert pickle.loads(pickle.dumps(load)) == load != magnet([0.3, 0, 1.2], [0, 1, -3]).load
@@ -239,7 +239,7 @@ def test_a_load_that_is_registered_later_is_known_everywhere(magnet, write, tmp_
     assert conserved.unchecked() == []
 
 
-def test_the_page_for_contributors_names_every_line():
+def test_contributor_page_names_lines():
     page = (ROOT / "docs" / "contributing" / "load.md").read_text(encoding="utf-8")
     named = set(re.findall(r"`(\w+)` in\s+`([\w./]+)`", page))
     for name, path in named:
@@ -250,7 +250,7 @@ def test_the_page_for_contributors_names_every_line():
     assert conserved.OF_TERMS.keys() == LOADS.keys()
 
 
-def test_a_load_knows_when_it_may_act():
+def test_load_knows_when_it_acts():
     table = nt.body_moment([0, 1, 2, 3, 5, 6, 7], np.outer([0, 0, 1, 0, 0, 0, 2], [0, 1, 0]))
     assert table.support.tolist() == [[1, 3], [6, 7]]
     assert (table + nt.pulse([1, 0, 0], 2.5, 4)).support.tolist() == [[1, 4], [6, 7]]
@@ -265,7 +265,7 @@ STAGES = {("lie-midpoint", 2): (MIDDLE, 1), ("energy-momentum", 2): (MIDDLE, 1),
 
 @pytest.mark.parametrize("scheme", STAGES)
 @pytest.mark.filterwarnings("ignore:the load .* runs in Python")
-def test_a_function_is_called_at_the_stages_with_directors_that_are_no_unit_vectors(scheme):
+def test_stages_without_unit_directors(scheme):
     """Steps turn by about 0.46 rad: the mean of directors at both ends has the length cos(0.23) = 0.97."""
     fractions, lengths, (times, longest) = [], [], STAGES[scheme]
 
@@ -342,7 +342,7 @@ class Ruled(Wave):
 
 
 @pytest.mark.parametrize("wrong", [{"times": [1, 1]}, {"matrix": [[1, 2], [2.1, 3]]}, {"rate": 0}, {"wave": (1, 2)}])
-def test_fields_of_ones_own_are_what_their_rules_say(wrong):
+def test_user_field_rules(wrong):
     good = {"wave": (1, 2, 3), "rate": 1, "times": [0, 1], "matrix": [[1, 2], [2 + 4e-13, 3]]}
     assert Ruled(**good).matrix.tolist() == [[1, 2 + 2e-13], [2 + 2e-13, 3]]
     with pytest.raises(ValueError, match=next(iter(wrong))):
@@ -369,7 +369,7 @@ def registered():
 @pytest.mark.usefixtures("registered")
 @pytest.mark.filterwarnings("ignore:.*runs in Python")
 @pytest.mark.parametrize(("compiled", "name"), thinned(2, [True, False], PAIRS))
-def test_it_moves_the_body_as_that_of_the_package_and_has_its_derivatives(name, compiled):
+def test_user_load_moves_the_body(name, compiled):
     own, known, numbers = PAIRS[name]
     own = type(own)(*(getattr(own, field) for field in type(own).__annotations__), compiled=compiled)
     how = {"t_end": 0.5, "step": 0.1, "integrator": "gauss", "order": 8, "store": "end", **START}
@@ -390,7 +390,7 @@ def test_it_moves_the_body_as_that_of_the_package_and_has_its_derivatives(name, 
 
 @pytest.mark.usefixtures("registered")
 @pytest.mark.parametrize("scheme", ["lie-midpoint", "energy-momentum"])
-def test_a_potential_of_ones_own_is_conserved(scheme):
+def test_user_potential_is_conserved(scheme):
     """By a discrete gradient of its text; its axes are three, so that no momentum is."""
     run = nt.simulate(nt.standard(J), t_end=20, step=0.1, load=CORD, integrator=scheme, **START)
     total = run.kinetic_energy + run.potential_energy
@@ -399,7 +399,7 @@ def test_a_potential_of_ones_own_is_conserved(scheme):
 
 
 @pytest.mark.usefixtures("registered")
-def test_fields_are_parameters_in_every_way_to_run():
+def test_fields_are_parameters():
     body, load = nt.standard(J), Needle(DIPOLE, FIELD) + nt.damping(0.1) - 0.5 * WAVE
     how, wrt, last = {"t_end": 1, "step": 0.1, "load": load}, ["needle", "rate"], np.zeros((11, 3))
     d = nt.sensitivities(body, wrt=wrt, **how, **START)

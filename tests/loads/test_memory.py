@@ -86,7 +86,7 @@ WHEEL = memory_load(friction, reaction, 0.4, frame="body", compiled=True)
 
 
 @pytest.mark.parametrize("scheme", [Gauss(2), Gauss(8), LieMidpoint(), EnergyMomentum(), EXACT])
-def test_momentum_that_is_exchanged_is_kept(scheme):
+def test_exchanged_momentum_is_kept(scheme):
     """The total momentum of body and wheel over 2·10^3 steps, and K less the work."""
     run = integrate(standard(J + 1), **HOW | {"t_end": 200, "load": WHEEL, "integrator": scheme})
     total = run.observables("spatial_momentum")["spatial_momentum"] + run.rotation.apply(run.states.internal * AXIS)
@@ -96,7 +96,7 @@ def test_momentum_that_is_exchanged_is_kept(scheme):
     assert np.ptp(run.states.internal) > 0.1
 
 
-def test_states_are_seen_between_nodes_and_by_events_and_set_at_a_start():
+def test_internal_states_are_seen():
     times = [0.05, 1.23, 3.3]
     at = simulate(standard(J), times=times, step=0.1, material_angular_velocity=START, load=load())
     known = [reference(t)[12:] for t in times]
@@ -123,7 +123,7 @@ def test_a_stepper_has_internal_states():
     assert loop.state.internal_state == tuple(run.internal_state.values[-1].tolist())
 
 
-def test_a_sum_of_loads_with_memory():
+def test_sum_of_memory_loads():
     """A factor multiplies the moment, not z; moments of other kinds act as without memory. Also in Python."""
     other = nt.damping(0.1) + nt.sine((0, 0.2, 0), 0.3)
     both = simulate(standard(J), **HOW, load=load() + 0.0 * WHEEL + other)
@@ -180,7 +180,7 @@ def followed(lag, scheme, unit=1.0, start=0.0):
 
 @pytest.mark.filterwarnings("ignore:internal states of the load decay")
 @pytest.mark.parametrize(("scheme", "within"), [(Gauss(2), 2e-3), (Gauss(8), 1e-8), (LieMidpoint(), 2e-3)])
-def test_a_state_that_is_faster_than_the_steps(scheme, within):
+def test_state_faster_than_steps(scheme, within):
     """Newton's iteration, as the lag is a hundredth of the step."""
     lag = 1e-3
     slow = [(np.sin(t) - lag * np.cos(t)) / (1 + lag**2) for t in (0, 4)]
@@ -196,7 +196,7 @@ def test_a_state_that_is_faster_than_the_steps(scheme, within):
 
 
 @pytest.mark.parametrize("how", [{}, {"tolerance": 1e-6}])
-def test_tolerance_resolves_a_fast_state_of_a_slow_body(how):
+def test_tolerance_resolves_fast_states(how):
     lag, scale = 0.01, 1e-3
 
     def lagging(t, z, d, w):
@@ -249,7 +249,7 @@ test_a_derivative_that_fails = divided(refused_as(FAILING, nt.errors.SimulationE
 @pytest.mark.filterwarnings("ignore:internal states of the load decay")
 @pytest.mark.parametrize("scheme", [Gauss(4), LieMidpoint()])
 @pytest.mark.parametrize(("lag", "unit"), [(1.0, 2.0**-20), (1.0, 2.0**20), (1e-3, 2.0**20)])
-def test_iterations_do_not_depend_on_the_unit_of_internal_states(lag, unit, scheme):
+def test_unit_of_internal_states(lag, unit, scheme):
     """By fixed-point and by Newton's iteration, what is small is relative to z; only pivots depend on the unit."""
     one, other = followed(lag, scheme), followed(lag, scheme, unit)
     assert np.array_equal(other.newton_iterations, one.newton_iterations)
@@ -264,7 +264,7 @@ def test_iterations_do_not_depend_on_the_unit_of_internal_states(lag, unit, sche
         (lambda t, z, d, w: -z, lambda t, z, d, w: (-np.sign(w[0]), 0, 0), "from (1, 0, 0) to (−1, 0, 0) N m"),
     ],
 )
-def test_a_jump_of_a_load_with_memory_is_named(derivative, moment, words):
+def test_jump_is_named(derivative, moment, words):
     made = memory_load(lambda t, z, d, w: (-z[1], z[0]), lambda t, z, d, w: (0.01 * z[0], 0, 0), (1, 0), compiled=True)
     made += memory_load(derivative, moment, 1.0, compiled=True)
     with pytest.raises(nt.errors.SimulationError) as found:
@@ -283,7 +283,7 @@ def test_a_jump_of_a_load_with_memory_is_named(derivative, moment, words):
     lambda f: nt.wheel("x", 0.1, friction=f, compiled=False), nt.moment, nt.director_forces,
     lambda f: nt.potential([[0, 0, 1]], lambda g: 0.0, f),
 ])  # fmt: skip
-def test_every_load_that_runs_in_python_is_said(make):
+def test_python_loads_warn(make):
     def slow(*given):
         return 0.0 * np.asarray(given[-1])
 

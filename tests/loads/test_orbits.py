@@ -57,7 +57,7 @@ def test_planar_motion_of_hyperion():
     assert abs(run.material_angular_velocity.values - np.outer(truth[1], [0, 0, 1])).max() < 1e-9
 
 
-def test_perigee_is_when_and_where_it_is_said_to_be(write):
+def test_perigee(write):
     later = gravity_gradient(0.7, (0, 1, 0), (1, 0, 0), 0.3, eccentricity=0.4)
     named = gravity_gradient(0.7, (0, 1, 0), (1, 0, 0), eccentricity=0.4, perigee_time=0.3)
     (term,), (same,) = later.terms, named.terms
@@ -101,7 +101,7 @@ load = [{ kind = "gravity_gradient", mean_motion = 1.0, eccentricity = 0.4 }]
 """
 
 
-def test_members_of_an_ensemble_and_run_files_are_the_run(write):
+def test_ensembles_and_run_files(write):
     W, how = (0.1, 0, 1.2), {"t_end": 2, "step": 0.05, "load": gravity_gradient(1.0, eccentricity=0.4)}
     body = standard([1, 2, 6], physical=False)
     run = simulate(body, material_angular_velocity=W, **how)

@@ -23,7 +23,7 @@ pytestmark = pytest.mark.filterwarnings("ignore:.*breakpoint", "ignore:.*rad a s
 @pytest.mark.parametrize(
     ("scheme", "order", "bound"), [("gauss", 8, 1e-11), ("gauss", 4, 2e-7), ("lie-midpoint", 2, 1e-3)]
 )
-def test_a_symmetric_body_precesses_steadily_while_its_wheel_spins_up(scheme, order, bound):
+def test_symmetric_body_with_accelerating_wheel(scheme, order, bound):
     """Of J = diag(A, A, C) with the rotor along d3, C W3 + h is constant, and d3 precesses at |π|/A about π."""
     A, C, times, h = 3.0, 4.0, [0.5, 1.0], [0.0, 6.0]
     how = {"t_end": 2, "step": 0.025, "material_angular_velocity": (1, 0.5, 2), "load": rotor((0, 0, 1), times, h)}
@@ -34,7 +34,7 @@ def test_a_symmetric_body_precesses_steadily_while_its_wheel_spins_up(scheme, or
     assert abs(d3 - exact).max() < bound
 
 
-def test_newton_takes_rotors_where_fixed_points_do_not_contract():
+def test_newton_where_fixed_points_fail():
     """A fast wheel: 40 rad of nutation in a step of 0.5 s."""
     load, how = rotor((1, 0, 1), 300.0), {"t_end": 2, "step": 0.5, "material_angular_velocity": (0.1, 0.2, -0.1)}
     run = simulate(standard([3, 4, 5]), load=load, order=16, **how)
@@ -44,7 +44,7 @@ def test_newton_takes_rotors_where_fixed_points_do_not_contract():
     assert abs(total - total[0]).max() < 1e-11
 
 
-def test_what_is_kept_and_what_is_recorded(tmp_path):
+def test_kept_and_recorded(tmp_path):
     top, wheel = heavy_top([2, 2.2, 1], 1.5, (0.1, 0, 0.6)), rotor((0, 0, 1), 4.0)
     load = 2 * rotor((0, 0, 2), [0, 1], [0.0, 1.5])
     cases = (top, wheel, (1, 2, 5), ["K+V−A", "(π+Λh)·g", "d·d"]), (standard(J), load, W0, ["K−A", "π+Λh", "d·d"])
@@ -64,7 +64,7 @@ def test_what_is_kept_and_what_is_recorded(tmp_path):
 
 
 @pytest.mark.parametrize("scheme", [LieMidpoint, EnergyMomentum])
-def test_dissipation_of_a_gyrostat_keeps_the_total_momentum(scheme):
+def test_dissipation_keeps_total_momentum(scheme):
     how = {"t_end": 50, "step": 0.1, "material_angular_velocity": W0, "load": rotor((1, 0, 2), 3.0)}
     run = simulate(standard(J), integrator=scheme(1, dissipation=0.7), **how)
     total, K = run.total_momentum.values, run.kinetic_energy.values
@@ -86,7 +86,7 @@ file = "wheel.csv"
 """
 
 
-def test_the_momentum_of_a_rotor_is_read_from_a_file(write):
+def test_momentum_from_a_file(write):
     """A body at rest turns back by ∫ h dt / J."""
     write("t (s);h (kg m² s⁻¹);speed (rpm)\n0;0,0;0\n5;1,0;9\n10;0,0;0\n", "wheel.csv")
     file = read_run_file(write(WHEEL + 'columns = ["t (s)", "h (kg m² s⁻¹)"]\nscale = 2\n'))
@@ -111,7 +111,7 @@ def test_units_of_momenta(write):
 
 
 @pytest.mark.parametrize("change", ["load.0.file=", "load.0.momentum=1", 'load.0.file="none.csv"', "load.0.scale=1"])
-def test_a_file_that_is_no_momentum_is_named(change, write):
+def test_bad_file_is_named(change, write):
     write("t (s),h,speed (rpm)\n0,0,0\n5,2,9\n", "wheel.csv")
     with says(RunFileError):
         read_run_file(write(WHEEL), [change])

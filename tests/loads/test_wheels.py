@@ -25,7 +25,7 @@ BODIES = {"standard": nt.standard(J), "suslov": nt.suslov(J + 0.1, (1, 0, 1)), "
 
 
 @pytest.mark.parametrize("scheme", ["gauss", "energy-momentum", "continuous"])
-def test_motor_slows_the_hub_by_its_impulse(scheme):
+def test_motor_slows_the_hub(scheme):
     """Basilisk's back-of-the-envelope: hub 2 kg m², 0.35 rad/s, motor of 0.2 N m from 5 to 10 s: -0.15 rad/s."""
     inertia = 100 / (6000 * RPM)
     load = nt.wheel("z", inertia, speed=6000 * RPM, torque=([5, 10], [0.2, 0.2]))
@@ -41,7 +41,7 @@ def test_motor_slows_the_hub_by_its_impulse(scheme):
     assert run.wheel_work.values[-1, 0] == pytest.approx(gained, rel=near)
 
 
-def test_three_wheels_turn_a_satellite_as_a_published_simulator_finds():
+def test_three_wheels_of_basilisk():
     """Basilisk's test_reactionWheelStateEffector_integrated, BalancedWheels: σ after 1 s; motors give up to 0.2 N m."""
     inertia, load = 100 / (6000 * RPM), nt.Load()
     for axis, speed, torque in (("x", 500, 0.2), ("y", 200, 0.1), ("z", -150, -0.2)):
@@ -133,7 +133,7 @@ def reference(*times, rubs=False):
 
 
 @pytest.mark.parametrize("rubs", [False, True])
-def test_skew_wheels_move_the_body_as_scipy_finds(rubs):
+def test_skew_wheels_by_scipy(rubs):
     times = (0.5, 1.5, 3.0, 5.0)
     expected, load = reference(*times, rubs=rubs), RUBBING if rubs else SKEW
     how = {"times": times, "material_angular_velocity": W0, "load": load, "tolerance": 1e-10 if rubs else 1e-11}
@@ -176,7 +176,7 @@ def test_works_of_motors_between_steps(how, near):
         ('kind = "dry_friction", limit = -1', r"load\.0\.limit"),
     ],
 )
-def test_run_files_name_what_cannot_be(load, words, write):
+def test_run_file_errors(load, words, write):
     text = (
         'body = {{ kind = "standard", inertia = [3, 4, 5] }}\ntime = {{ t_end = 1, step = 0.1 }}\nload = [{{ {} }}]\n'
     )
@@ -185,7 +185,7 @@ def test_run_files_name_what_cannot_be(load, words, write):
 
 
 @pytest.mark.parametrize(("scheme", "order", "rubs"), [*((*one, False) for one in SCHEMES), *RUBBED])
-def test_order_under_a_torque_that_changes_momentum_and_balances(scheme, order, rubs):
+def test_order_under_changing_torque(scheme, order, rubs):
     steps = {2: (0.05, 0.025), 4: (0.25, 0.125), 8: (0.5, 0.25)}[order]
     expected = reference(5.0, rubs=rubs)[0]
     how = {"t_end": 5, "material_angular_velocity": W0, "load": RUBBING if rubs else SKEW}
@@ -203,7 +203,7 @@ def test_order_under_a_torque_that_changes_momentum_and_balances(scheme, order, 
 
 
 @pytest.mark.filterwarnings("ignore:the load .* runs in Python")
-def test_an_interrupted_run_ends_with_the_momenta_and_works_of_its_last_state():
+def test_interrupted_run():
     """It ends at a node that is no output, and is continued from there."""
 
     def interrupting(t, directors, w):
@@ -225,7 +225,7 @@ def test_an_interrupted_run_ends_with_the_momenta_and_works_of_its_last_state():
     assert rest.quaternion.values[-1] == pytest.approx(whole.quaternion.values[-1], abs=1e-13)
 
 
-def test_free_wheel_is_a_rotor_of_constant_momentum_on_its_carrier():
+def test_free_wheel_is_a_rotor():
     """Also for `exact`, by theta functions."""
     h = 0.2 * (30 + W0[0])
     own = {"t_end": 6, "material_angular_velocity": W0, "times": np.linspace(0, 6, 13)}
@@ -236,7 +236,7 @@ def test_free_wheel_is_a_rotor_of_constant_momentum_on_its_carrier():
 
 
 @pytest.mark.parametrize(("scheme", "order", "_"), or_long(RUBBED[:2], RUBBED[2:]))
-def test_torques_of_a_stepper_add_to_those_of_wheels_with_friction(scheme, order, _):
+def test_stepper_torques_add(scheme, order, _):
     """A factor multiplies the speed at first and the torque, and not friction."""
     table = nt.wheel("z", 0.3, 3, ([0, 1, 1.5], [0, 0.2, 0.4]))
     first, scaled = nt.wheel((1, 1, 0), 0.2, 2, spin_up, viscous=0.03), nt.wheel("y", 0.1, 1, 0.1, friction=drag)
@@ -260,7 +260,7 @@ def test_torques_of_a_stepper_add_to_those_of_wheels_with_friction(scheme, order
 
 @pytest.mark.filterwarnings("ignore:.*does not resolve")
 @pytest.mark.parametrize("b", [0.05, 50])
-def test_a_viscous_wheel_in_steps_of_the_midpoint_rule(b):
+def test_viscous_wheel_by_midpoint_rule(b):
     """Ω' = -k Ω, k = b (1/I + 1/(J3 - I)), and W across turns at the rate H3/J1 - W3, H3 = (J3 - I) W3 + h."""
     inertia, h, n, (J1, J3) = 0.2, 0.1, np.arange(31), (2.0, 3.0)
     load, W = nt.wheel("z", inertia, 5, viscous=b), (0.3, -0.2, 0.7)
@@ -304,7 +304,7 @@ def test_derivatives_are_those_of_differences(body, scheme):
 
 
 @pytest.mark.parametrize(("times", "viscous"), [([0.5, 2.0], 0.0), ([1.5, 2.0, 2.5], 0.05)])
-def test_a_constant_is_added_to_a_table_within_its_times(times, viscous):
+def test_constant_plus_table(times, viscous):
     def run(function, added, **wrt):
         load = 2 * nt.wheel(AXES[0], 0.2, 30, (times, np.full(len(times), 0.3) + added), viscous)
         how = {"t_start": 1, "t_end": 3, "step": 0.05, "material_angular_velocity": W0}
@@ -354,7 +354,7 @@ def wheels_with(torques, rubs):
 
 @pytest.mark.parametrize("rubs", [False, True])
 @pytest.mark.parametrize(("body", "scheme"), thinned(4, BODIES, SCHEMES[:2]))
-def test_members_with_torques_of_their_own_are_runs_under_these(body, scheme, rubs):
+def test_member_torques_equal_runs(body, scheme, rubs):
     """Bit for bit; a factor of the load does not multiply them; total momentum stays; in parts it is one run."""
     scheme, order = scheme
     how = {"step": 0.05, "integrator": scheme, "order": order, "project": True}
@@ -388,7 +388,7 @@ def test_members_with_torques_of_their_own_are_runs_under_these(body, scheme, ru
 
 
 @pytest.mark.parametrize("rubs", [False, True])
-def test_torques_of_members_have_the_derivatives_of_those_of_wheels(rubs):
+def test_derivatives_of_member_torques(rubs):
     """Also that of a table, to which a constant is added within its times."""
     add = wheels_with([0.0, 0.0], False) if not rubs else nt.wheel(AXES[0], 0.2, 30, 0.1, 0.05) + nt.wheel("z", 0.3)
     how = {"t_end": 2, "step": 0.05, "material_angular_velocity": W0, "load": add}
@@ -399,7 +399,7 @@ def test_torques_of_members_have_the_derivatives_of_those_of_wheels(rubs):
     assert differences == pytest.approx(found, abs=1e-8)
 
 
-def test_torques_of_members_count_for_tolerances_statistics_and_exponents():
+def test_member_torques_elsewhere():
     """One torque for all members is that of the load, and is recorded as such."""
     how = {"t_end": 2, "material_angular_velocity": W0, "load": wheels_with([0.0, 0.0], False)}
     apart, none = {"load": wheels_with(EACH[0], False)}, nt.simulate_ensemble(nt.standard(J), **how)
@@ -427,7 +427,7 @@ def test_torques_of_members_count_for_tolerances_statistics_and_exponents():
         ({"wheel_torque": EACH[1:2]}, wheels_with([0.0, 0.0], False), wheels_with(EACH[1], False)),
     ],
 )
-def test_members_are_resampled_under_loads_of_their_own(each, load, own):
+def test_resampling_of_members(each, load, own):
     how = {"t_end": 2, "step": 0.1, "material_angular_velocity": W0}
     many = nt.simulate_ensemble(nt.standard(J), load=load, variables="all", store=1, **each, **how)
     found, run = nt.resample(many.isel(member=-1), [0.55, 1.23]), nt.simulate(nt.standard(J), load=own, **how)
@@ -445,7 +445,7 @@ def test_members_are_resampled_under_loads_of_their_own(each, load, own):
         ([1, 1, 0.05], nt.wheel("x", 0.02, speed=200), {}),
     ],
 )
-def test_steps_of_members_are_short_enough_for_what_wheels_do_to_them(moments, load, more):
+def test_steps_of_members(moments, load, more):
     """A motor turns what carries its wheel, of J - I n nᵀ; the momentum of a wheel turns a slender body to its axis."""
     how = {"t_end": 10, "integrator": "lie-midpoint", "store": 1, **more}
     many = nt.simulate_ensemble(nt.standard(moments), material_angular_velocity=(0, 1.0, 0), load=load, **how)
@@ -466,7 +466,7 @@ def test_steps_of_members_are_short_enough_for_what_wheels_do_to_them(moments, l
         (lambda t: 0.1, "wheel-torque-type", {}),
     ],
 )
-def test_torques_of_members_are_numbers_for_each_wheel(value, code, fields):
+def test_member_torques_are_numbers(value, code, fields):
     with refused(code, **fields):
         nt.simulate_ensemble(nt.standard(J), t_end=1, load=SKEW, wheel_torque=value)
 
@@ -487,7 +487,7 @@ def relay(t, directors, w):
     return -np.sign(w[0]), 0.0, 0.0
 
 
-def test_the_work_of_a_motor_between_steps_is_that_of_its_table_from_the_start_on():
+def test_motor_work_between_steps():
     how = {"t_start": 0.5, "t_end": 1.5, "material_angular_velocity": (0.1, 0.2, 0.3)}
     how["load"] = nt.wheel((0, 0, 1), 0.1, speed=3, torque=([0, 1, 2], [0.2, 0.4, -0.1]))
     between = nt.resample(nt.simulate(nt.standard(J), step=0.02, **how), [0.5, 0.61, 0.83, 1.5])
@@ -495,7 +495,7 @@ def test_the_work_of_a_motor_between_steps_is_that_of_its_table_from_the_start_o
     assert between.wheel_work.values == pytest.approx(at_nodes.wheel_work.values, abs=1e-9)
 
 
-def test_the_torque_of_a_motor_that_jumps_at_a_time_is_exact():
+def test_torque_jump_is_exact():
     load = nt.wheel("z", 0.1, torque=lambda t, speed: 0.2 * (t > 3.7), breakpoints=[3.7])
     run = nt.simulate(nt.standard(J), t_end=10, load=load)
     assert run.wheel_momentum.values[-1, 0] == pytest.approx(0.2 * 6.3, abs=1e-12)
@@ -512,7 +512,7 @@ JUMPING = {
 
 
 @pytest.mark.parametrize("name", JUMPING)
-def test_a_jump_beside_or_of_a_wheel_is_named(name):
+def test_jump_is_named(name):
     called, x, y, instead = "wheel", "(0.1)", "(−0.1)", "use coulomb="
     if "relay" in name:
         called, x, y, instead = "relay", "(1, 0, 0)", "(−1, 0, 0)", "dry_friction"
@@ -523,7 +523,7 @@ def test_a_jump_beside_or_of_a_wheel_is_named(name):
     assert all(said in str(failed.value) for said in (x, y, instead))
 
 
-def test_a_motor_is_switched_off_by_continuing():
+def test_motor_is_switched_off():
     """Momenta continue, and the states of others, whatever works and losses are known; of joined runs as well."""
     wheel, lag = partial(nt.wheel, "z", 0.05), nt.memory_load(lambda t, z, d, w: w[:1] - z, lambda *_: (0, 0, 0), 0.5)
     runs = [nt.simulate(nt.standard(J), t_end=1, load=wheel(100, 0.2) + lag, material_angular_velocity=W0)]
@@ -537,7 +537,7 @@ def test_a_motor_is_switched_off_by_continuing():
 
 
 @pytest.mark.parametrize("more", [{"viscous": 0.01}, pytest.param({}, marks=pytest.mark.long), {"coulomb": 0.01}])
-def test_events_see_the_speeds_of_wheels(more):
+def test_events_see_wheel_speeds(more):
     load = nt.memory_load(lambda t, z, d, w: -z, lambda *_: (0, 0, 0), 0.5) + nt.wheel((1, 1, 0), 0.2, 3, -0.1, **more)
     how = {"t_end": 5, "load": load, "material_angular_velocity": W0, "step": 0.1}
     run = nt.simulate(nt.standard(J), events=lambda t, state: state.wheel_speed[0] - 2, **how)
@@ -545,7 +545,7 @@ def test_events_see_the_speeds_of_wheels(more):
     assert end.wheel_speed.values[1:, 0] == pytest.approx([2], abs=1e-9)
 
 
-def test_a_run_whose_wheels_do_not_go_on_is_named():
+def test_wheels_do_not_continue():
     """Wheels that the load lacks or has otherwise, states that a run has lost, motions without velocities."""
     body, own, W = nt.standard(J), nt.wheel("z", 0.05, speed=100), {"material_angular_velocity": W0}
     push, many = nt.body_moment([0, 1], np.zeros((2, 3))), nt.simulate_ensemble
@@ -568,7 +568,7 @@ def test_a_run_whose_wheels_do_not_go_on_is_named():
             call(start=run.quaternion, **W)
 
 
-def test_friction_that_gains_energy_is_refused_before_a_run_or_by_it():
+def test_friction_gaining_energy():
     """Between 3.3 and 5.55 rad/s, or 4.99 and 5.01, where nobody looks before: wheel_loss would fall."""
     with pytest.raises(ValueError, match="must slow the wheel down, but at 3"):
         nt.wheel("z", 1, speed=5.2, friction=lambda speed: 2 * speed * (speed - 5.55) * (speed - 3.3))

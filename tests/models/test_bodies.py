@@ -23,7 +23,7 @@ from refusals import refused_as
 allclose = partial(np.allclose, rtol=0)
 
 
-def test_euler_inertia_is_the_second_moment_of_mass():
+def test_euler_inertia():
     rng = np.random.default_rng(1)
     x, m = rng.normal(size=(50, 3)), rng.uniform(0.1, 1, 50)
     J = sum(mi * (xi @ xi * np.eye(3) - np.outer(xi, xi)) for mi, xi in zip(m, x, strict=True))
@@ -47,7 +47,7 @@ test_refused_with_reason_and_number = refused_as(
 )
 
 
-def test_plates_rods_and_inertias_with_round_off_are_bodies():
+def test_plates_and_rods():
     assert np.linalg.eigvalsh(nt.standard([1, 1, 2]).euler_inertia)[0] == 0
     assert np.linalg.eigvalsh(nt.standard([1, 1, 1e-9]).euler_inertia)[0] == pytest.approx(5e-10)
     tiny = nt.standard([1, 1, 2 + 3e-9]).euler_inertia
@@ -77,7 +77,7 @@ def test_gravity_adds_to_every_body():
         assert np.array_equal(stack.vertical, [[0, 0, -length]])
 
 
-def test_bodies_are_equal_by_their_numbers_and_json_is_exact():
+def test_equality_and_json():
     body = nt.heavy_top(random_inertia(np.random.default_rng(3)), 0.01, [0.1, 0.2, 0.3])
     copy = nt.DirectorSystem.from_json(body.to_json())
     assert np.array_equal(copy.euler_inertia, body.euler_inertia)
@@ -93,11 +93,11 @@ def test_bodies_are_equal_by_their_numbers_and_json_is_exact():
 
 
 @pytest.mark.parametrize("size", [1e-200, 1e90, 3.0])
-def test_an_axis_of_any_length_becomes_a_unit_vector(size):
+def test_axis_of_any_length(size):
     assert nt.suslov([2, 3, 4], np.array([0.36, 0.48, 0.8]) * size).axis == pytest.approx([0.36, 0.48, 0.8], rel=1e-15)
 
 
-def test_a_body_is_short_to_show_and_has_its_inertia():
+def test_repr():
     body = nt.with_gravity(nt.nontwisting(PAPER_J), 2.0, [0, 0, 0.1])
     rows = "[(3, −0.1429, 0), (−0.1429, 4, 0), (0, 0, 5)] kg m²"
     assert repr(body) == f"<DirectorSystem 'nontwisting under gravity': inertia {rows}, axis (0, 0, 1), dead forces>"
@@ -126,7 +126,7 @@ def reference(body, W, t_end, rotation=EYE):
     return directors.T, W
 
 
-def test_the_published_momentum_of_hairer_lubich_and_wanner():
+def test_momentum_of_hairer():
     """Π(100), printed by GeometricProblems.jl and by DOP853."""
     J, W = [2, 1, 2 / 3], [np.cos(1.1) / 2, 0, 1.5 * np.sin(1.1)]
     printed = [-0.17734831, -0.59041852, 0.78737129]
@@ -136,7 +136,7 @@ def test_the_published_momentum_of_hairer_lubich_and_wanner():
 
 
 @pytest.mark.filterwarnings("ignore:energy-momentum is unstable")
-def test_the_director_scheme_keeps_energy_and_momentum_though_E_is_indefinite():
+def test_indefinite_director_scheme():
     """E has an eigenvalue of -0.75: K + V and the vertical momentum stay, the lengths too, and the order is 2."""
     assert np.linalg.eigvalsh(HEAVY.euler_inertia)[0] == pytest.approx(-0.75)
     how = {"t_end": 2.0, "material_angular_velocity": (1, -2, 3), "integrator": "energy-momentum"}
@@ -155,7 +155,7 @@ def test_the_director_scheme_keeps_energy_and_momentum_though_E_is_indefinite():
 
 
 @pytest.mark.parametrize(("turning", "others"), [(0, (1, 2)), (1, (0, 2)), (2, (0, 1))])
-def test_director_velocities_that_are_not_rigid_grow_where_E_is_indefinite(turning, others):
+def test_indefinite_director_velocities_grow(turning, others):
     """About a principal axis at the rate Ω √(-E_i E_j/(J_i J_j)), which is real but about the axis where E < 0."""
     J = np.array([5, 1.2, 0.7])
     i, j = others
@@ -173,7 +173,7 @@ def test_director_velocities_that_are_not_rigid_grow_where_E_is_indefinite(turni
         assert size[1600:].max() < 3 * size[:800].max()
 
 
-def test_every_way_to_run_the_director_scheme_says_that_it_is_unstable():
+def test_indefinite_director_scheme_warns():
     body, how = nt.standard([5, 1.2, 0.7], physical=False), {"integrator": "energy-momentum"}
     problem = nt.Problem(body, t_end=1, material_angular_velocity=(0.4, 1.1, -0.3), **how)
     for run in (nt.simulate, nt.simulate_ensemble):
@@ -198,7 +198,7 @@ def test_every_way_to_run_the_director_scheme_says_that_it_is_unstable():
         ("continuous", "point", None),
     ],
 )
-def test_a_point_on_a_massless_rod_is_the_spherical_pendulum(name, body, order):
+def test_point_is_a_spherical_pendulum(name, body, order):
     """The rod turns by the rates of the plane alone; of the point the constraint exerts no moment at all."""
     rod = nt.nontwisting([1, 1, 0]) if body == "point" else nt.nontwisting([1, 2, 0], physical=False)
     body, W = nt.with_gravity(rod, 1, (0, 0, 1.0)), np.array([1.5, -0.7, 0])
@@ -219,7 +219,7 @@ def test_a_point_on_a_massless_rod_is_the_spherical_pendulum(name, body, order):
 
 
 @pytest.mark.filterwarnings("error")
-def test_steps_and_moments_are_chosen_for_a_point_too():
+def test_point_in_stepper():
     body, how = nt.with_gravity(nt.nontwisting([1, 1, 0]), 1, (0, 0, -1)), {"t_end": 1, "rotation": TILTED}
     fine = nt.simulate(body, step=1e-2, order=8, **how).directors.values[-1]
     for chosen in ({}, {"tolerance": 1e-9}):
@@ -230,7 +230,7 @@ def test_steps_and_moments_are_chosen_for_a_point_too():
         assert found.length == pytest.approx(other.length, rel=1e-8)
 
 
-def test_closed_forms_of_held_bodies_need_no_moment_about_the_axis():
+def test_held_bodies_without_axial_moment():
     times, W = [0.0, 1.0, 3.0], (0.3, 0.8, 0)
     point, sphere = (nt.exact.free_nontwisting(J, W, times)[0] for J in ([1, 1, 0], [1, 1, 1]))
     assert np.array_equal(point, sphere)
@@ -245,7 +245,7 @@ def test_closed_forms_of_held_bodies_need_no_moment_about_the_axis():
     assert allclose(again, [[0.1, 2, 0.1]], atol=1e-12)
 
 
-def test_the_word_goes_with_the_body():
+def test_physical_is_kept():
     body, ordinary = nt.standard([1, 2, 6], physical=False), STANDARD
     again = nt.DirectorSystem.from_json(body.to_json())
     assert not again.physical

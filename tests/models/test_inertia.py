@@ -47,7 +47,7 @@ def inertia_of(euler):
 
 
 @pytest.mark.parametrize(("axis", "bore"), [((0, 0, 1), 0.0), ((2, 0, 0), 0.3), ((1, -2, 3), 0.3)])
-def test_solids_have_the_second_moments_of_textbooks(axis, bore):
+def test_solids_of_textbooks(axis, bore):
     across = np.eye(3) - (along := np.outer(axis, axis) / np.dot(axis, axis))
     got = inertia.of_cylinder(7, 0.4, 2.0, inner_radius=bore, axis=axis)
     close(got, inertia_of(7 * ((0.4**2 + bore**2) / 4 * across + 2.0**2 / 12 * along)))
@@ -55,7 +55,7 @@ def test_solids_have_the_second_moments_of_textbooks(axis, bore):
     close(inertia.of_ellipsoid(7, (1, 2, 0.3)), inertia_of(7 / 5 * np.diag([1, 2, 0.3]) ** 2))
 
 
-def test_a_thin_rod_keeps_the_digits_of_its_small_moment():
+def test_thin_rod():
     J = inertia.of_cuboid(1, (1e-6, 1e-6, 1))
     assert J[2, 2] == pytest.approx(1e-12 / 6, rel=1e-15, abs=0)
     assert inertia.shift([1, 1, 1e-12], 3, (0, 0, 2))[2, 2] == principal_frame([1, 1, 1e-12], "smallest")[0][2] == 1e-12
@@ -82,7 +82,7 @@ def test_points(body, about):
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_points_on_a_slanted_line_are_a_body_if_it_is_held_about_the_line(seed):
+def test_points_on_a_slanted_line(seed):
     """Whatever round-off would leave of the moment about the line."""
     rng = np.random.default_rng(seed)
     n, s, m = rng.normal(size=3), rng.normal(size=20), rng.uniform(0.1, 1, 20)
@@ -167,7 +167,7 @@ def test_mesh_of_a_solid(case):
     close(weighed.inertia, J, 1e-14)
 
 
-def test_a_body_far_from_its_origin_loses_no_digits():
+def test_body_far_from_its_origin():
     x, f = l_shaped_part()
     here, there = inertia.of_mesh(x, f, density=1), inertia.of_mesh(x + 2.0**30, f, density=1)
     close(there.inertia, here.inertia, 1e-14)
@@ -204,7 +204,7 @@ def test_a_file_without_trimesh(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("suffix", ["zip", "stl.bz2"])
-def test_a_packed_file_is_measured_before_it_is_read(tmp_path, monkeypatch, suffix):
+def test_packed_file_size(tmp_path, monkeypatch, suffix):
     plain, path = tmp_path / "part.stl", tmp_path / f"part.{suffix}"
     trimesh.Trimesh(*l_shaped_part(), process=False).export(plain)
     path.write_bytes(bz2.compress(plain.read_bytes()))
@@ -283,7 +283,7 @@ wishes = st.one_of(st.sampled_from(THIRD), vectors.filter(lambda n: np.linalg.no
 
 @prove
 @given(moments, rotations, wishes, st.integers(0, 1000))
-def test_the_frame_diagonalises_and_is_right_handed(true, R0, third, seed):
+def test_principal_frame(true, R0, third, seed):
     """And round-off does not turn it."""
     J = R0.as_matrix() @ np.diag(true) @ R0.as_matrix().T
     values, R = principal_frame(J, third)
@@ -320,7 +320,7 @@ def test_frames_of_diagonal_inertias(J, third, axes):
     assert not np.signbit(R[R == 0]).any()
 
 
-def test_any_body_is_made_non_twisting_about_each_of_its_principal_axes():
+def test_nontwisting_about_principal_axes():
     """Turned into the principal frame; against the Suslov body blocked about the same axis, in the former axes."""
     J = random_inertia(np.random.default_rng(8))
     values, R = principal_frame(J, "middle")

@@ -22,7 +22,7 @@ def angle(t):
 
 @pytest.mark.parametrize("J", [(3, 4, 5), (3, 5, 4), (4, 5, 3)], ids=["largest", "middle", "smallest"])
 @pytest.mark.parametrize(("scheme", "order"), [("gauss", 8), ("continuous", None)])
-def test_the_velocity_is_the_closed_solution(J, scheme, order):
+def test_velocity_in_closed_form(J, scheme, order):
     """J1 W1' = (J2 - J3) c W2 and J2 W2' = (J3 - J1) c W1 are linear, with the angle ∫c as time."""
     body, (a, b) = nt.nontwisting(J, spin=TABLE), ((J[1] - J[2]) / J[0], (J[2] - J[0]) / J[1])
     run = nt.simulate(body, times=[0, 0.8, 2.0, 3.0], material_angular_velocity=W0, integrator=scheme, order=order)
@@ -35,7 +35,7 @@ def test_the_velocity_is_the_closed_solution(J, scheme, order):
 
 
 @pytest.mark.parametrize(("scheme", "order"), SCHEMES)
-def test_the_spin_is_exact_at_the_nodes_and_the_form_is_kept(scheme, order):
+def test_spin_at_the_nodes(scheme, order):
     """Also with kinks inside of steps."""
     how = {"t_end": 2.1, "step": 0.07, "material_angular_velocity": W0, "integrator": scheme, "order": order}
     run = nt.simulate(nt.nontwisting([3, 4, 5], spin=TABLE), **how)
@@ -47,7 +47,7 @@ def test_the_spin_is_exact_at_the_nodes_and_the_form_is_kept(scheme, order):
     assert np.ptp(run.kinetic_energy.values) > 1
 
 
-def test_the_drive_does_the_work_that_is_missing():
+def test_drive_supplies_the_work():
     """ΔK = A - h μ c of the step, exactly in lie-midpoint, where c is that of its middle."""
     load = nt.pulse((1, 2, 3), 0, 0.7) + nt.damping(0.1) + nt.rotor((1, 1, 1), 2.0)
     body, h = nt.nontwisting([3, 4, 5], spin=TABLE), 0.025
@@ -63,7 +63,7 @@ def test_the_drive_does_the_work_that_is_missing():
     assert abs(fine.directors.values - exact.directors.values).max() < 1e-11
 
 
-def test_without_spin_the_bits_are_those_of_the_non_twisting_body():
+def test_zero_spin_same_bits():
     how = {"t_end": 2, "step": 0.05, "material_angular_velocity": W0}
     plain = nt.simulate(nt.nontwisting([3, 4, 5]), **how)
     for zero in (0, 0.0, ([0, 1], [0, 0])):
@@ -75,7 +75,7 @@ def test_without_spin_the_bits_are_those_of_the_non_twisting_body():
 
 
 @pytest.mark.parametrize("scheme", ["gauss", "lie-midpoint"])
-def test_members_of_several_spins_are_runs(scheme):
+def test_members_of_several_spins(scheme):
     rates = np.linspace(-1, 3, 9)
     how = {"t_end": 0.5, "step": 0.05, "integrator": scheme, "material_angular_velocity": W0}
     one = nt.simulate(nt.nontwisting([3, 4, 5], spin=rates[3]), **how)
@@ -87,7 +87,7 @@ def test_members_of_several_spins_are_runs(scheme):
         assert (many.spin.values == rates).all()
 
 
-def test_members_of_one_spun_body_have_their_own_potentials():
+def test_members_with_own_potentials():
     load, c = nt.dipole((0, 0, 1), (0, 3, 1)), np.array([1.0, 2])
     how = {"t_end": 2, "material_angular_velocity": (1, 0, 0.5), "variables": ("kinetic_energy", "potential_energy")}
     many = nt.simulate_ensemble(nt.nontwisting([3, 3, 3], spin=0.5), load=load, load_scale=c, store=1, **how)
@@ -95,7 +95,7 @@ def test_members_of_one_spun_body_have_their_own_potentials():
     assert abs(energy.values - 1.875 + c[:, None]).max() < 1e-9  # ½ 3 (1² + 0.5²) J, less 1 J of the dipole
 
 
-def test_the_start_may_have_the_prescribed_spin():
+def test_start_with_the_spin():
     """Or none; another is refused, and with project=True removed."""
     for spin, t_start, c in ((0.7, 0.0, 0.7), (TABLE, 0.75, 1.7)):
         body = nt.nontwisting([3, 4, 5], spin=spin)
@@ -117,7 +117,7 @@ def test_the_start_may_have_the_prescribed_spin():
             assert np.array_equal(*(run(**start).directors for start in starts))
 
 
-def test_a_start_with_the_prescribed_spin_is_continued():
+def test_continued_start():
     """At the time of the start; an axis that varies turns the velocity that is given, with its part along the axis."""
     body = nt.nontwisting([3, 3, 5], spin=([0, 5, 10], [0, 1, 1]))
     first = nt.simulate(nt.standard([3, 3, 5]), t_end=5, step=0.1, material_angular_velocity=(0, 0, 1))
@@ -138,7 +138,7 @@ def test_a_start_with_the_prescribed_spin_is_continued():
     assert found == pytest.approx(differences, abs=1e-8)
 
 
-def test_a_step_that_misses_a_kink_is_announced():
+def test_missed_kink_warns():
     with pytest.warns(UserWarning, match=r"of the spin off the grid of step \S+ s, the first at t = 0.5 s: "):
         nt.simulate(nt.nontwisting([3, 4, 5], spin=TABLE), t_end=2.1, step=0.07, material_angular_velocity=W0)
 
@@ -157,7 +157,7 @@ test_refusals = refused_as(
 
 
 @pytest.mark.filterwarnings("ignore:damping slows")
-def test_newton_solves_stages_with_a_spin_that_changes():
+def test_newton_under_changing_spin():
     """Where damping is strong, against SciPy on the continuous equations."""
     how = {"t_end": 1, "load": nt.damping(200), "material_angular_velocity": (1, 2, TABLE[1][0])}
     body = nt.nontwisting([[3, -1 / 7, 0], [-1 / 7, 4, 0], [0, 0, 5]], spin=TABLE)

@@ -29,7 +29,7 @@ def close(found, expected, bound=1e-13):
 
 
 @pytest.mark.parametrize("name", BODIES)
-def test_momenta_and_velocities_split_and_come_back(name):
+def test_split_and_join(name):
     body = BODIES[name]()
     q, w, pi, _, d = states(body)
     perp, par = split_form.momentum(body, q, pi)
@@ -45,7 +45,7 @@ def test_momenta_and_velocities_split_and_come_back(name):
 
 
 @pytest.mark.parametrize("make", [standard, nontwisting])
-def test_parts_of_the_energy_and_momentum_are_those_of_the_paper(make):
+def test_energy_and_momentum_parts(make):
     """½ w_⊥·j_⊥ w_⊥ and ½ j_∥ w_∥², π_⊥ = j_⊥ w_⊥ and π_∥ = j_∥ w_∥, with J split in the body and carried to space."""
     body, (J_perp, J_par) = make(PAPER_J), split_inertia(PAPER_J)
     q, w, pi, _, d = states(body)
@@ -88,7 +88,7 @@ def test_rates_are_those_of_euler(name):
         assert abs(par_dot[k] + perp @ d_dot[k] + mu[k] - moment @ d[k]) > 1e-3
 
 
-def test_leading_axes_broadcast_and_may_be_empty():
+def test_leading_axes():
     body = BODIES["heavy_top"]()
     q, _, pi, m, _ = states(body, 6)
     perp, par = split_form.momentum(body, q, pi)

@@ -144,7 +144,7 @@ COMMON = {
 }
 
 
-def test_the_search_finds_functions_and_pages_by_their_common_names_best_first(browser, site):
+def test_search(browser, site):
     page, firsts = browser.new_page(offline=True), {}
     expected = {words: name for name, several in COMMON.items() for words in several.split(", ")}
     for words in expected:
@@ -155,7 +155,7 @@ def test_the_search_finds_functions_and_pages_by_their_common_names_best_first(b
     assert firsts == expected
 
 
-def test_names_in_code_lead_to_the_reference_and_the_reference_to_the_source(site):
+def test_code_links_to_reference(site):
     cells, reference, theory = (
         (site / f"{name}.html").read_text(encoding="utf-8")
         for name in ("howto/satellites", "reference/api/nontwist.simulate", "theory/frame")
@@ -167,7 +167,7 @@ def test_names_in_code_lead_to_the_reference_and_the_reference_to_the_source(sit
     assert pictures <= set(re.findall(r"_images/([\w-]+\.svg)", theory))
 
 
-def test_the_playground_lives_on_the_first_page(browser, site):
+def test_playground_on_first_page(browser, site):
     page = browser.new_page(offline=True, color_scheme="dark")
     page.goto((site / "index.html").as_uri())
     page.locator("iframe.playground").scroll_into_view_if_needed()

@@ -45,7 +45,7 @@ def text_of(*path):
     return ROOT.joinpath(*path).read_text(encoding="utf-8")
 
 
-def test_the_recording_has_its_licence_and_source():
+def test_recording_has_licence_and_source():
     assert "Copyright (C) 2016 Thomas Haslwanter" in text_of("examples", "imu", "LICENSE.txt")
     assert "scikit-kinematics" in text_of("examples", "imu", "SOURCE.md")
 
@@ -63,7 +63,7 @@ def stored(name):
         return picture
 
 
-def test_the_map_of_chaos_is_drawn(tmp_path):
+def test_map_of_chaos(tmp_path):
     """Of few dots; the page shows it with many. A throw about the third axis is regular, one along a ray is not."""
     script = runpy.run_path(str(ROOT / "examples" / "chaos_map.py"))
     script["draw"].__globals__["exponents"] = script["exponents"] = cache(script["exponents"])
@@ -79,7 +79,7 @@ COPIED = [*LIKE_OTHERS.split(), "second_quotient", "twist_angle", "work_precisio
 
 
 @pytest.mark.parametrize("copied", [COPIED, pytest.param((), marks=pytest.mark.long)])
-def test_the_gallery_shows_every_figure_and_is_what_its_script_makes(copied, tmp_path):
+def test_gallery(copied, tmp_path):
     """Of some figures the stored picture is taken in the quick suite."""
     main = runpy.run_path(str(ROOT / "examples" / "gallery.py"))["main"]
     for name in copied:
@@ -99,7 +99,7 @@ def test_the_gallery_shows_every_figure_and_is_what_its_script_makes(copied, tmp
         assert difference(stored(tmp_path / "gallery" / f"{name}.png"), stored(f"gallery/{name}.png")) < 1, name
 
 
-def test_the_picture_of_the_first_page_says_what_is_true():
+def test_first_page_picture():
     script = runpy.run_path(str(ROOT / "examples" / "pictures.py"))
     t, d3, carried, looking = script["circle_and_frames"]()
     assert solid_angle(d3, pole=(0, 0, 1)) == pytest.approx(np.pi / 3, abs=2e-5)  # of a polygon
@@ -116,7 +116,7 @@ def test_the_picture_of_the_first_page_says_what_is_true():
     assert difference(script["picture"](figure, 200), stored("images/frame.png")) < 1
 
 
-def test_the_film_of_the_readme_is_of_the_code_beside_it():
+def test_readme_film():
     """Its last picture, drawn again from what the code of the README computes: the same wedges, the same numbers."""
     script = runpy.run_path(str(ROOT / "examples" / "pictures.py"))
     runs = script["bodies_of_the_readme"]()
@@ -138,7 +138,7 @@ def angles(text):
     return [float(word.strip("ψ= °")) for word in text.replace("−", "-").splitlines() if "°" in word]
 
 
-def test_the_pictures_of_the_pages_are_of_the_code_beside_them(tmp_path, monkeypatch):
+def test_pictures_of_pages(tmp_path, monkeypatch):
     """Numbers that stand on the pictures, and what the code of the first page, or of the playground, computes."""
     monkeypatch.chdir(tmp_path)
     code = re.findall(r"```python\n(.*?)```", text_of("docs", "index.md"), re.DOTALL)[-1]
@@ -164,7 +164,7 @@ def numbers(line):
     return [float(number) for number in re.findall(r"(?<![\w-])-?\d+\.?\d*(?:e[+-]?\d+)?(?!\w)", line)]
 
 
-def test_an_integrator_of_ones_own_has_its_order_on_every_body(printed):
+def test_user_integrator_order(printed):
     lines = printed("own_integrator.py").splitlines()
     names = ["non-twisting body, load along the directors", "Suslov body, load along fixed axes", "heavy top"]
     assert [line.split(":")[0] for line in lines[::2]] == names
@@ -176,7 +176,7 @@ def test_an_integrator_of_ones_own_has_its_order_on_every_body(printed):
         assert defect < 1e-13
 
 
-def test_a_compiled_scheme_of_ones_own_has_its_order_and_derivatives(printed):
+def test_user_compiled_scheme(printed):
     coarse, fine, derivative = printed("own_scheme.py").splitlines()
     errors = [numbers(line)[-1] for line in (coarse, fine)]
     assert errors[0] / errors[1] == pytest.approx(2, abs=0.05)
@@ -184,7 +184,7 @@ def test_a_compiled_scheme_of_ones_own_has_its_order_and_derivatives(printed):
     assert numbers(derivative)[-1] < 1e-8
 
 
-def test_a_body_of_ones_own_goes_round_at_the_rate_of_the_formula(printed):
+def test_user_body(printed):
     first, *lines = printed("own_body.py").splitlines()
     rate = 2 * 9.81 * 0.2 / (2 * 0.3**2 / 2 * 60)
     assert numbers(first) == [pytest.approx(rate, abs=1e-9)]
@@ -198,7 +198,7 @@ def test_a_body_of_ones_own_goes_round_at_the_rate_of_the_formula(printed):
         assert drift < 1e-10
 
 
-def test_an_observable_of_ones_own_turns_where_the_closed_form_does(printed):
+def test_user_observable(printed):
     measured, closed, ensemble = map(numbers, printed("own_observable.py").splitlines())
     assert measured[-2:] == pytest.approx(closed, abs=2e-6)
     least, *greatest = closed
@@ -207,7 +207,7 @@ def test_an_observable_of_ones_own_turns_where_the_closed_form_does(printed):
     assert ensemble == pytest.approx(greatest, abs=2e-6)
 
 
-def test_a_load_of_ones_own_does_the_work_that_it_says(printed):
+def test_user_load_work(printed):
     *lines, by_dipole = printed("own_load.py").splitlines()
     bounds = {"lie-midpoint": (1e-13, 1e-12), "energy-momentum": (1e-2, 1e-1), "split": (1e-7, 1e-9)}
     assert [line.split()[0] for line in lines] == list(bounds)
@@ -219,14 +219,14 @@ def test_a_load_of_ones_own_does_the_work_that_it_says(printed):
     assert by_dipole == "1 mA m² more of it turns the end by 0.053 rad, 0.033 rad, 0.017 rad"
 
 
-def test_a_reader_of_ones_own_reads_its_log(printed):
+def test_user_reader(printed):
     whole, cut = printed("own_reader.py").splitlines()
     assert whole == "50 samples, 0.98 s: twist 180.0000°"
     assert cut == "line 50 is '980000|0.000000000|0', not 5 numbers separated by |; correct or delete it"
 
 
 @pytest.mark.parametrize("name", ["integrator", "body", "load", "reader"])
-def test_the_pages_for_contributors_show_their_examples(name):
+def test_contributor_pages_show_examples(name):
     page = text_of("docs", "contributing", f"{'recording' if name == 'reader' else name}.md")
     assert f"{{literalinclude}} ../../examples/own_{name}.py" in page
     assert f"!python examples/own_{name}.py" in page
@@ -249,7 +249,7 @@ def counted(*command):
     return run.stdout.splitlines()
 
 
-def test_the_tether_counters_count_what_twist_finds(tmp_path):
+def test_tether_counters(tmp_path):
     source = ROOT / "examples" / "tether_counter.py"
     found = counted(sys.executable, source)
     expected = twist(tether()[0][:401], axis="x", order=2).twist_angle.values / (2 * np.pi)
@@ -276,7 +276,7 @@ def tumbling():
     return how, np.array([0.3, -0.4, 0.5]), runpy.run_path(str(ROOT / "examples" / "torch_run.py"))
 
 
-def test_the_two_functions_for_pytorch_are_a_function_and_its_derivative():
+def test_pytorch_functions():
     how, W, script = tumbling()
     A, V = script["states"](W, how)
     by_A, by_V = (np.random.default_rng(seed).normal(size=of.shape) for seed, of in ((5, A), (6, V)))
@@ -290,7 +290,7 @@ def test_the_two_functions_for_pytorch_are_a_function_and_its_derivative():
     np.testing.assert_allclose(script["slopes"](W, A, by_A, by_V, how), expected, rtol=1e-8)
 
 
-def test_the_function_of_pytorch_passes_its_own_check():
+def test_pytorch_gradcheck():
     torch = pytest.importorskip("torch")
     how, W, script = tumbling()
     W = torch.tensor(W, requires_grad=True)

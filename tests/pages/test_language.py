@@ -92,3 +92,9 @@ def test_text_files_name_their_encoding():
         calls = [call for call in calls if getattr(call.func, "attr", "") in ("read_text", "write_text")]
         unnamed += [(path, call.lineno) for call in calls if all(one.arg != "encoding" for one in call.keywords)]
     assert unnamed == []
+
+
+def test_names_of_tests():
+    """At most five words."""
+    texts = [path.read_text(encoding="utf-8") for path in (ROOT / "tests").rglob("test_*.py")]
+    assert [name for text in texts for name in re.findall(r"def (test(?:_[^\W_]+){6,})\(", text)] == []

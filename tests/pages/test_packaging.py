@@ -14,13 +14,13 @@ PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["
 PINNED = [line.split("==") for line in (ROOT / "constraints.txt").read_text(encoding="utf-8").splitlines()]
 
 
-def test_pinned_packages_are_those_that_the_package_asks_for():
+def test_pins_are_the_dependencies():
     wanted = map(Requirement, sum(PROJECT["optional-dependencies"].values(), PROJECT["dependencies"]))
     pins = {canonicalize_name(name): version for name, version in PINNED} | {"nontwist": "0"}
     assert [need for need in wanted if not need.specifier.contains(pins[canonicalize_name(need.name)])] == []
 
 
-def test_pinned_packages_accept_every_python_that_the_package_does():
+def test_pins_accept_every_python():
     """Else `make` fails where Python is 3.11.2, as on Debian 12, though the package accepts it."""
     least = f"{PROJECT['requires-python'].removeprefix('>=')}.0"
     for name, pinned in PINNED:
@@ -30,7 +30,7 @@ def test_pinned_packages_accept_every_python_that_the_package_does():
             assert found.version != pinned or accepted.contains(least), name
 
 
-def test_the_recipe_asks_for_what_the_package_does():
+def test_recipe():
     lines = (ROOT / "recipe" / "meta.yaml").read_text(encoding="utf-8").partition("  run:\n")[2].partition("\n\n")[0]
     asked = [line.strip(" -").replace("-base", "").replace(" ", "") for line in lines.splitlines()]
     assert asked == [f"python{PROJECT['requires-python']}", *PROJECT["dependencies"]]

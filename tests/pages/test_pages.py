@@ -90,7 +90,7 @@ def test_reasons_are_of_pages():
     assert "docs/run-files.md" in RUN
 
 
-def test_python_reads_and_its_names_exist():
+def test_python_blocks():
     for name in PYTHON:
         for node in (node for code in blocks(name, "python") for node in ast.walk(ast.parse(code))):
             if isinstance(node, ast.ImportFrom) and (node.module or "").split(".")[0] == "nontwist":
@@ -113,7 +113,7 @@ def test_python_runs(name, place):
 
 
 @pytest.mark.parametrize("name", ["README.md", "docs/index.md"])
-def test_the_first_pages_state_what_is_printed(name, place, capsys):
+def test_first_pages_print_this(name, place, capsys):
     exec(compile(blocks(name, "python")[0], name, "exec"), {})
     assert f"`{capsys.readouterr().out.strip()}`" in TEXTS[name]
     result = nontwist("nontwist twist examples/imu/quaternion.csv --inverse --degrees --no-figure")

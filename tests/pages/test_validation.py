@@ -76,7 +76,7 @@ def test_a_wrong_expected_value_fails(monkeypatch, tmp_path):
     assert row[4] == "SO(3): exp against SciPy"
 
 
-def test_an_exception_in_a_check_fails_and_ends_no_other(monkeypatch):
+def test_failing_check_ends_no_other(monkeypatch):
     def broken():
         yield from checks[:3]
         raise ArithmeticError("it broke")
@@ -88,7 +88,7 @@ def test_an_exception_in_a_check_fails_and_ends_no_other(monkeypatch):
     assert group.checks[3].name == "exceptions of broken: ArithmeticError: it broke"
 
 
-def test_a_group_holds_and_json_and_the_page_have_every_check(tmp_path):
+def test_all_checks_on_the_page(tmp_path):
     told, begin = [], perf_counter()
     group = validate("geometry", progress=told.append)
     assert 0 < group.seconds["geometry"] < perf_counter() - begin
@@ -120,7 +120,7 @@ def test_errors_are_reported(tmp_path):
         validate(["geometry", "geometri"])
 
 
-def test_numbers_as_text_and_shares_of_the_tolerance():
+def test_numbers_and_shares():
     for values, texts in (
         ((468 / 7, 66.85714285, 1e-9), ("66.857142857", "66.857142850", "1e-09")),
         ((0, 3.21e-14, 1e-12), ("0", "3.2e-14", "1e-12")),
@@ -143,7 +143,7 @@ def test_measures():
     assert turns_apart(3.0 + 2 * np.pi, [3.0, 2.5]) == pytest.approx([0, 0.5])
 
 
-def test_the_committed_page_is_that_of_these_groups():
+def test_committed_page():
     page, checks = PAGE.read_text(encoding="utf-8"), COMMITTED["checks"]
     counts = {group: str(sum(check["group"] == group for check in checks)) for group in GROUPS}
     assert {row[0].partition("**: ")[0][2:]: row[1] for row in rows(page)} == counts
@@ -165,7 +165,7 @@ def test_sources_exist():
         assert known or (name.startswith("nontwist.") and find_spec(name)), name
 
 
-def test_many_digits_are_those_of_the_reference():
+def test_many_digits_of_the_reference():
     """One motion of each kind, computed again."""
     data = many_digits()
     motion = next(motion for motion in data["free"] if "-1e-12" in motion["name"])

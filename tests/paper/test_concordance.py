@@ -44,7 +44,7 @@ def test_the_paper_has_its_numbers():
     assert equations == sorted(set(equations))
 
 
-def test_every_equation_and_theorem_has_its_row_and_its_number():
+def test_rows_of_equations_and_theorems():
     expected = {label: f"{printed(label)} `{label}`" for label in printed_numbers() if label.startswith("eq")}
     expected |= {f"Theorem {number}": f"Theorem {number}" for number in THEOREMS}
     assert len(ROWS) == len(LABELLED)
@@ -52,7 +52,7 @@ def test_every_equation_and_theorem_has_its_row_and_its_number():
 
 
 @pytest.mark.parametrize("name", LABELLED)
-def test_what_a_row_names_exists_and_speaks_of_it(name):
+def test_rows_name_existing_things(name):
     """Names are public or modules, tests exist; one of these files or of the pages of theory cites the label."""
     _, statement, code, test = LABELLED[name]
     assert statement
@@ -83,7 +83,7 @@ def file_of(name):
     return Path(inspect.getsourcefile(getattr(space, last)))
 
 
-def test_numbers_stand_beside_labels_in_the_documentation(monkeypatch):
+def test_numbers_beside_labels(monkeypatch):
     pytest.importorskip("sphinx")
     monkeypatch.syspath_prepend(ROOT / "docs" / "_extensions")
     numbers = import_module("equation_numbers")

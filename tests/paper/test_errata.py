@@ -18,7 +18,7 @@ ROOT = Path(__file__).parents[2]
 EM = {"integrator": "energy-momentum", "order": 2}
 
 
-def test_every_test_that_the_page_names_exists():
+def test_named_tests_exist():
     page = (ROOT / "docs" / "errata.md").read_text(encoding="utf-8")
     named, groups = re.findall(r"`(tests/\w+/\w+\.py)::(\w+)`", page), re.findall(r"\[validation, (\w+)\]", page)
     assert len(named) + len(groups) >= 19
@@ -27,14 +27,14 @@ def test_every_test_that_the_page_names_exists():
         assert f"def {name}(" in (ROOT / path).read_text(encoding="utf-8"), name
 
 
-def test_rounded_invariants_would_differ_from_the_printed_ones():
+def test_rounded_invariants():
     run = simulate(nontwisting(PAPER_J), t_end=1, step=0.005, load=CASES[2].load(), **EM)
     K = float(run.kinetic_energy[-1])
     assert f"{K:.6f}" == "746.591700"
     assert printed_tables()["case2"]["kinetic_energy"] == 746.591699
 
 
-def test_three_constraints_let_the_directors_stretch():
+def test_three_constraints():
     body, q, h = standard(PAPER_J), np.eye(3), 0.01
     v = np.cross(np.array([1.0, 2, 3]), q)
     A, none = constraint_matrices(None), reference.MidpointLoad(np.zeros(3), np.zeros(3))
@@ -52,7 +52,7 @@ def test_the_second_twisted_director():
     assert rotations.twisted_triad(np.eye(3), 0.7)[1] == pytest.approx(turned)
 
 
-def test_the_discrete_variation_for_the_second_momentum():
+def test_second_momentum_variation():
     """(-d3, 0, d1) tested with π^i is Π2 = d2·π; the printed (-d3, 0, d2) is not."""
     rng = np.random.default_rng(0)
     body = standard(PAPER_J)
@@ -64,7 +64,7 @@ def test_the_discrete_variation_for_the_second_momentum():
     assert abs(-q[2] @ p[0] + q[1] @ p[2] - Pi2) > 0.1
 
 
-def test_the_product_of_the_rates_of_d1_and_d2():
+def test_product_of_rates():
     """d1'·d2' = (d1·d3')(d2·d3') is minus the product of the velocities W1 W2, and depends on the choice of d1."""
     rng = np.random.default_rng(1)
     q = rotations.exp(rng.normal(size=3))
@@ -79,7 +79,7 @@ def test_the_product_of_the_rates_of_d1_and_d2():
     assert turned[0] @ turned[1] == pytest.approx((W[0] ** 2 - W[1] ** 2) / 2, abs=1e-13)
 
 
-def test_the_director_constraints_admit_left_handed_triads():
+def test_left_handed_triads():
     """The set Q of the directors is O(3), not SO(3); a motion stays on its side, as det is continuous."""
     mirrored = np.diag([1.0, 1, -1])
     A = constraint_matrices(None)
@@ -104,7 +104,7 @@ def varied(a, b, c, f, iota, t):
     return attitude(t), rate, c * np.sin(2 * t) + f * t**2, 2 * c * np.cos(2 * t) + 2 * f * t
 
 
-def test_the_rate_of_a_varied_motion_has_the_exponential_in_both_terms():
+def test_rate_of_a_varied_motion():
     """eq-d-lambdaprime lacks it in the first; at ι = 0, where eq-var-lambdaprime needs it, both agree."""
     given = np.random.default_rng(2).normal(size=(4, 3))
     still, still_rate, theta, theta_dot = varied(*given, 0.0, 0.4)
@@ -119,7 +119,7 @@ def test_the_rate_of_a_varied_motion_has_the_exponential_in_both_terms():
     assert (forth[1] - back[1]) / (2 * e) == pytest.approx(variation, abs=1e-6)
 
 
-def test_the_proof_of_the_variations_has_one_hat():
+def test_variations_in_the_proof():
     """Line by line (eq-str-proof-0, eq-str-proof-2, eq-str-proof-3) with the vector δθ' in the place of its hat."""
     given = np.random.default_rng(3).normal(size=(4, 3))
     R, R_dot, theta, theta_dot = varied(*given, 0.0, 0.4)
@@ -139,7 +139,7 @@ def test_the_proof_of_the_variations_has_one_hat():
     assert double.shape == (3, 3)
 
 
-def test_the_discrete_variations_have_a_block_for_each_unknown():
+def test_discrete_variations_have_all_blocks():
     """Nine numbers δq and six δλ; tested with (0, d3, -d2) the free step gives eq-discrete-nonholonomic-1."""
     body, h = nontwisting(PAPER_J), 0.005
     run = integrate(body, t_end=10 * h, step=h, material_angular_velocity=(6, -18, 0), **EM)
@@ -154,7 +154,7 @@ def test_the_discrete_variations_have_a_block_for_each_unknown():
     assert abs(np.sum(wrong * change, axis=(1, 2))).max() > 1
 
 
-def test_the_sign_of_a_term_of_first_order_in_the_proof():
+def test_sign_in_the_proof():
     """The lines under eq-discrete-nonholonomic-1, on parabolas d(t) and p(t): of d' with a minus, not a plus."""
     a, b, c, p, p_dot = np.random.default_rng(4).normal(size=(5, 3))
     errors = {sign: [] for sign in (-1, 1)}

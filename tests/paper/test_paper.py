@@ -40,7 +40,7 @@ def drawing(*formats):
     return patch.object(Figure, "savefig", savefig)
 
 
-def test_every_printed_digit_of_the_invariants_and_the_second_quotients(reproductions):
+def test_printed_digits(reproductions):
     whole, quick = reproductions
     tables = {(table.case, table.name): table.rows for table in (*whole.tables, *quick.tables)}
     assert whole.agrees
@@ -84,7 +84,7 @@ def test_files(reproductions):
     assert float(rows[2]["difference"]) == pytest.approx(K - float(rows[2]["printed"]), abs=1e-12)
 
 
-def test_the_page_shows_every_table_and_figure_in_the_order_of_the_paper(reproductions, visit):
+def test_tables_and_figures_of_page(reproductions, visit):
     orders = ("F1 F2 F3 T1 T2", "F4 T3 T4 F7 T5 T6")
     for result, order, pictures, count in zip(reproductions, orders, (4, 2), (20, 40), strict=True):
         document = result.page.read_text(encoding="utf-8")
@@ -111,7 +111,7 @@ def test_the_page_shows_every_table_and_figure_in_the_order_of_the_paper(reprodu
 
 
 @drawing()
-def test_printed_loads_miss_the_tables_by_twenty(tmp_path):
+def test_printed_loads_miss_the_tables(tmp_path):
     """In a quick reproduction of one case, by the command, whose exit status is then 1."""
     result = ended(1, "reproduce", "--case", "2", "--quick", "--printed-loads", "--out", tmp_path)
     assert "DIFFERS" in result.stdout

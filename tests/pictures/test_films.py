@@ -58,7 +58,7 @@ def durations(path):
         return [picture.info["duration"] for picture in ImageSequence.Iterator(film)]
 
 
-def test_a_path_of_few_states_is_drawn_along_the_rotations_between_them():
+def test_path_of_few_states():
     run = nt.simulate(NONTWISTING, t_end=2, step=0.5, material_angular_velocity=(1.0, 2.0, 0.0))
     path = Motion(content(run)).at(1.7)[2]
     rate = np.sqrt(5.0)  # free: a great circle at constant speed, whose states are exact
@@ -68,7 +68,7 @@ def test_a_path_of_few_states_is_drawn_along_the_rotations_between_them():
 
 
 @pytest.mark.parametrize("lean", [0.3, 2.6])
-def test_the_scene_from_above_is_the_projection_of_what_it_shows(lean):
+def test_scene_from_above(lean):
     """Between two states, of a body that leans to the reader or away. Flat shapes are lifted into their planes."""
     axis = np.array([0.6, 0, 0.8])
     start = {"rotation": Rotation.from_euler("y", lean), "load": nt.rotor(axis, [0, 2], [0, -2.0])}
@@ -121,7 +121,7 @@ def test_the_scene_from_above_is_the_projection_of_what_it_shows(lean):
     assert (dial.theta1, dial.theta2) == pytest.approx(sorted((90, 90 + np.degrees(psi))), abs=1e-2)
 
 
-def test_a_line_separates_the_time_of_one_run_from_the_name_of_the_next(runs):
+def test_names_of_runs_apart(runs):
     figure = still([Motion(data) for data in contents(runs, ["free", "held"])], 0.8, 200 / 8.6)
     assert {"d₁", "d₂", "d₃"} <= {*words(figure)}
     time, name = (next(t for t in ax.texts if t.get_text() in ("t = 0.80 s", "held")) for ax in figure.axes)
@@ -148,7 +148,7 @@ def test_colours_can_be_seen():
             assert max(ink[name] / ink[ground], ink[ground] / ink[name]) >= enough, (name, ground, dark)
 
 
-def test_films_have_the_length_the_rate_and_the_size_that_are_asked_for(runs, folder):
+def test_length_rate_and_size(runs, folder):
     short = [run.sel(time=slice(0, 0.4)) for run in runs]
     save_film(short, "film.gif", seconds=0.16)
     assert durations("film.gif") == [80, 80, 1500]  # 0.16 s, and the last picture
@@ -173,7 +173,7 @@ def test_films_have_the_length_the_rate_and_the_size_that_are_asked_for(runs, fo
             save_film(runs, "other.gif", **wrong)
 
 
-def test_what_options_of_films_do_not_fit_is_refused(folder, monkeypatch):
+def test_refusals(folder, monkeypatch):
     monkeypatch.setenv("PATH", str(folder))  # without ffmpeg
     for code, *arguments in (
         (2, "--fps", "9"),
@@ -193,7 +193,7 @@ def test_what_options_of_films_do_not_fit_is_refused(folder, monkeypatch):
         said(ended(code, "view", "free.nc", *arguments).stderr.rpartition("Error: ")[2])
 
 
-def test_two_runs_have_names_that_differ_or_those_that_are_given(runs, folder):
+def test_names_of_two_runs(runs, folder):
     one, two = (run.assign_attrs(run_file=f'title = "{title}"') for run, title in zip(runs, "ab", strict=True))
     nt.save_run(runs[0], "fast.nc")
     files = [nt.open_run(f"{name}.nc") for name in ("free", "fast")]
@@ -231,7 +231,7 @@ TITLES = (
 )
 
 
-def test_titles_stand_above_pictures_in_lines_of_like_length(runs, folder):
+def test_titles(runs, folder):
     motions = [Motion(each) for each in contents(runs)]
     for title, count in itertools.product(TITLES, (1, 2)):
         figure = still(motions[:count], 1.0, 130.5, Look(title=title))
@@ -254,7 +254,7 @@ def test_titles_stand_above_pictures_in_lines_of_like_length(runs, folder):
     assert abs(np.asarray(below, dtype=float) - np.asarray(plain, dtype=float)).mean() < 3
 
 
-def test_a_film_that_leaps_is_told_what_shows_the_motion(tmp_path):
+def test_leaping_film_warns(tmp_path):
     """30 turns in 3 pictures: 90 pictures show them, at a third of a turn, and so 50 a second in 3 s."""
     run = nt.simulate(STANDARD, t_end=1, material_angular_velocity=(0, 0, 60 * np.pi))
     with says(UserWarning) as told:
@@ -269,7 +269,7 @@ def pages_of(*arguments):
     return json.loads(text[1])["runs"], result.stderr
 
 
-def test_a_part_of_a_run_is_shown(runs, folder):
+def test_part_of_a_run(runs, folder):
     run = runs[1].assign(t_events=("event", [0.5, 1.5]))
     nt.save_run(run, "run.nc")
     (shown,), _ = pages_of("run.nc", "--from", 1, "--to", 2)
@@ -309,7 +309,7 @@ def test_states_far_apart_are_completed():
 
 
 @pytest.mark.parametrize(("lean", "down"), [(175, (0, 0, -9.81)), (60, (-3, -4, -5)), (10, (0, -9.81, 0))])
-def test_a_pendulum_hangs_downwards_on_the_picture(lean, down):
+def test_pendulum_hangs_downwards(lean, down):
     """From the upright position by `lean` degrees: gravity points down on the picture, seen from above the horizon."""
     unit = np.array(down) / np.linalg.norm(down)
     upright = Rotation.align_vectors([-unit], [[0, 0, 1]])[0]
@@ -332,7 +332,7 @@ def test_a_pendulum_hangs_downwards_on_the_picture(lean, down):
     assert np.stack(dashed.get_data(), axis=1) == pytest.approx(np.outer([-1, 1], [unit @ right, unit @ up]))
 
 
-def test_there_is_no_vertical_without_gravity(runs):
+def test_no_vertical_without_gravity(runs):
     motions = [Motion(content(run)) for run in runs[:1]]
     assert motions[0].data["weight"] is None
     assert camera_of(motions).upright == pytest.approx(np.eye(3))
@@ -358,7 +358,7 @@ def centre_on_page(shown, rho):
 
 
 @pytest.mark.parametrize("gravity", [-9.81, 9.81])
-def test_a_box_hangs_at_the_centre_of_mass_that_the_run_file_states(gravity, write):
+def test_box_at_stated_centre(gravity, write):
     """A cuboid of 0.2 × 0.3 × 0.6 m whose centre of mass is 0.5 m from the pivot along d3 and 0.1 m along d1."""
     mass, sides, rho = 2.0, np.array([0.2, 0.3, 0.6]), np.array([0.1, 0.0, 0.5])
     J = nt.inertia.shift(nt.inertia.of_cuboid(mass, sides), mass=mass, offset=rho)
@@ -393,7 +393,7 @@ SHAPES = {
 
 @pytest.mark.parametrize("shape", SHAPES)
 @pytest.mark.usefixtures("here")
-def test_the_box_of_a_shape_hangs_at_its_centre_of_mass(shape, write):
+def test_box_of_a_shape(shape, write):
     mass, rho = SHAPES[shape]
     if "mesh" in shape:
         trimesh = pytest.importorskip("trimesh")
@@ -413,7 +413,7 @@ def test_the_box_of_a_shape_hangs_at_its_centre_of_mass(shape, write):
     assert wrong["box"]["centre"] == [0, 0, 0]
 
 
-def test_labels_are_clear_of_arrows_and_of_each_other():
+def test_labels_do_not_overlap():
     rng = np.random.default_rng(4)
     for _ in range(100):
         d = Rotation.random(random_state=rng).as_matrix()[:, :2]  # three directors on the picture, and h along one
@@ -430,7 +430,7 @@ def test_labels_are_clear_of_arrows_and_of_each_other():
     assert abs(along[1]) >= drawing.CLEAR[0]  # beside the longer arrow
 
 
-def test_the_command_writes_pictures_and_those_in_the_dark(runs, folder):
+def test_command_writes_pictures(runs, folder):
     """And from where it is told."""
     above = ("above.png", "--at", "1.5", "--camera", "0,90", "--width", 1111)
     for name, *options in (("moment.png", "--at", "1.5"), ("dark.png", "--dark"), above):
@@ -454,7 +454,7 @@ def test_an_mp4_has_all_pictures(runs, tmp_path):
     assert int(count) == 11 + round(PAUSE * RATES[".mp4"])
 
 
-def test_ffmpeg_is_fed_the_pictures_and_its_complaint_is_told(runs, tmp_path, monkeypatch):
+def test_ffmpeg_complains(runs, tmp_path, monkeypatch):
     fake = tmp_path / "bin" / "ffmpeg"
     fake.parent.mkdir()
     fake.touch(0o755)

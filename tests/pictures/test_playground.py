@@ -81,7 +81,7 @@ def still(browser, tmp_path_factory):
 
 
 @pytest.mark.parametrize(("count", "seed"), [(8, 1), pytest.param(100, 2, marks=pytest.mark.long)])
-def test_the_browser_integrates_as_the_package_does(still, count, seed):
+def test_browser_integrates_as_the_package(still, count, seed):
     rng = np.random.default_rng(seed)
     problems = [drawn_problem(rng) for _ in range(count)]
     for end, problem in zip(still.evaluate(MARCH, problems), problems, strict=True):
@@ -94,7 +94,7 @@ def test_the_browser_integrates_as_the_package_does(still, count, seed):
             assert np.exp(1j * end[7]) == pytest.approx(np.exp(1j * expected), abs=1e-11), problem
 
 
-def test_long_runs_keep_energy_and_momentum(still):
+def test_long_runs_keep_invariants(still):
     changes = still.evaluate(
         """() => PRESETS.map((preset) => {
             const world = new World(inputsOf(preset));
@@ -112,7 +112,7 @@ STATES = "world.runs.map((run) => [...run.state.p, ...times(run.body.K, run.stat
 
 
 @pytest.mark.parametrize("number", [3, *(pytest.param(k, marks=pytest.mark.long) for k in (4, 5, 6))])
-def test_what_is_copied_gives_the_state_of_the_page(visit, write, number):
+def test_copied_code_gives_the_state(visit, write, number):
     page = visit(playground().html, reduced_motion="reduce")
     page.click(f"#presets button:nth-child({number + 1})")
     page.evaluate("begin(world.inputs); setPlaying(false); world.advance(100 - world.steps)")
@@ -130,7 +130,7 @@ def test_what_is_copied_gives_the_state_of_the_page(visit, write, number):
     assert "The start is that of the link" in other.inner_text("#watch")
 
 
-def test_presets_are_the_cases_of_the_paper_and_show_what_they_say(still):
+def test_presets(still):
     for number, case in CASES.items():
         given = still.evaluate(f"inputsOf(PRESETS.find((preset) => preset.name === 'Case {number}'))")
         assert still.evaluate("(E) => inertiaOf(E)", given["inertia"]) == [list(row) for row in INERTIA]
@@ -166,7 +166,7 @@ def test_presets_are_the_cases_of_the_paper_and_show_what_they_say(still):
     assert abs(held[1, -1, 0]) > 2
 
 
-def test_a_kick_by_mouse_is_the_impulse_of_the_pull(visit):
+def test_kick_is_an_impulse(visit):
     page = visit(playground().html, viewport={"width": 1280, "height": 1000}, reduced_motion="reduce")
     page.evaluate("again(); setPlaying(false); render()")
     tip, radius = page.evaluate("[stages[0].scene.project(triadOf(world.runs[0].state.p)[2]), stages[0].scene.radius]")
@@ -234,7 +234,7 @@ def test_keys_alone(visit):
     assert page.evaluate("loop.area") == pytest.approx(0.09, rel=0.05)
 
 
-def test_the_arrow_comes_back_turned_by_the_area(still):
+def test_arrow_turns_by_the_area(still):
     page, both = still, "[loop.area, loop.turn]"
     page.set_viewport_size({"width": 1280, "height": 1400})
     for name, expected, error in (("#triangle", np.pi / 2, 1e-12), ("#circle", np.pi / 3, 1e-4)):  # of 360 sides
@@ -295,7 +295,7 @@ def test_sliders_give_possible_bodies(still):
     assert page.locator(".stage h2").all_inner_texts() == ["Heavy top", "Suslov top"]
 
 
-def test_links_of_no_body_are_passed_over(still, visit):
+def test_links_without_a_body(still, visit):
     good = "inertia=1,1,1,0.5,0,0&attitude=0,0,0,1&velocity=1,0,0&gravity=0&pulse=0,0,0"
     assert still.evaluate("(text) => toLink(fromLink(text))", good) == good
     wrong = ["inertia=1", "<b id=evil>"]
@@ -318,7 +318,7 @@ def test_links_of_no_body_are_passed_over(still, visit):
     assert page.inner_text("#told").startswith("After 0.10 seconds.")
 
 
-def test_nothing_overflows_text_is_legible_and_controls_have_names(still):
+def test_legible_and_named(still):
     page = still
     page.get_by_role("button", name="Copy as Python").click()
     for width, scheme in ((1400, "light"), (900, "dark"), (390, "light"), (320, "dark")):

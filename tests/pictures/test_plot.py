@@ -104,7 +104,7 @@ def inks(lines):
     return [line.get_color() for line in lines]
 
 
-def test_components_over_time_are_labelled_by_their_attributes(runs):
+def test_component_labels(runs):
     run = runs[0].copy()
     space, body, d2 = plot.momenta(run), plot.momenta(run, frame="body"), plot.directors(run, director=2)
     expected = run.spatial_momentum, run.material_momentum, run.directors[:, 1]
@@ -121,7 +121,7 @@ def test_components_over_time_are_labelled_by_their_attributes(runs):
     assert (axes.get_ylabel(), len(axes.lines)) == (r"kinetic energy $T_{\mathrm{kin}}$ (eV)", 1)
 
 
-def test_runs_are_compared_by_line_style_components_by_colour(two):
+def test_runs_differ_by_line_style(two):
     axes = plot.momenta(two)
     colours, styles = inks(axes.lines), dashes(axes)
     assert colours[:3] == colours[3:]
@@ -132,7 +132,7 @@ def test_runs_are_compared_by_line_style_components_by_colour(two):
     assert sorted(map(len, legends(axes))) == [2, 3]
 
 
-def test_legends_lie_beside_the_axes_and_inside_the_figure(two):
+def test_legends_inside_the_figure(two):
     several = {f"{name} body, {k}": two["non-twisting"] for name in ("one", "another") for k in "ab"}
     for draw in (plot.multipliers, plot.path, plot.polhode):
         axes = draw(several)
@@ -150,7 +150,7 @@ def test_legends_lie_beside_the_axes_and_inside_the_figure(two):
 
 
 @pytest.mark.usefixtures("here")
-def test_settings_of_the_user_win_as_the_gallery_says_of_slides(two):
+def test_user_settings_win(two):
     """Letters of 16 pt, and rows of the legend that do not overlap."""
     page = (Path(__file__).parents[2] / "docs" / "gallery.md").read_text(encoding="utf-8")
     code = page.partition("## Figures for slides")[2].partition("```python\n")[2].partition("```")[0]
@@ -171,7 +171,7 @@ def test_settings_of_the_user_win_as_the_gallery_says_of_slides(two):
 STILL = {"t_end": 0.1, "step": 0.01}
 
 
-def test_what_cannot_be_drawn_is_refused(runs, two):
+def test_refusals(runs, two):
     run, trajectory = runs[0], nt.integrate(nt.nontwisting(PAPER_J), **STILL)
     many, later = run.expand_dims(member=2), nt.resample(two["standard"], two["standard"].time)
     rest, other = nt.simulate(nt.standard(PAPER_J), **STILL), nt.simulate(nt.standard([3, 4, 5]), **STILL, **FREE)
@@ -197,7 +197,7 @@ def test_what_cannot_be_drawn_is_refused(runs, two):
             function(*given, **options)
 
 
-def test_energy_drift_is_the_balance_with_the_work_of_the_load(two):
+def test_energy_drift_counts_work(two):
     run = two["standard"]
     assert np.ptp(run.kinetic_energy.values) > 10
     first, second, round_off = ys(plot.energy_drift(two))
@@ -246,7 +246,7 @@ def test_path_hides_what_lies_behind(runs):
     assert start.get_marker() != end.get_marker()
 
 
-def test_a_path_is_seen_from_its_side_or_from_the_azimuth_nearest_to_35_degrees_that_shows_it():
+def test_view_of_a_path():
     """Circles about a direction, of which small ones are seen from its side, and large ones where they are wide."""
     for azimuth, elevation, radius, expected in (
         (100, 0, 20, (120, 20)),
@@ -264,7 +264,7 @@ def test_a_path_is_seen_from_its_side_or_from_the_azimuth_nearest_to_35_degrees_
         assert np.degrees([a, e]) == pytest.approx(expected, abs=0.3)
 
 
-def test_path_seen_from_above_is_its_projection(two):
+def test_path_from_above(two):
     """And of the grid of the globe, parallels are circles of the radius cos φ, and meridians are straight."""
     axes = plot.path(two["standard"], **ABOVE)
     near, far, start, end = path_of(axes)
@@ -282,7 +282,7 @@ def test_path_seen_from_above_is_its_projection(two):
     assert set(np.degrees(np.arctan2(y, x)).round(6) % 180) == {0, 30, 60, 90, 120, 150}
 
 
-def test_great_circle_is_where_a_free_body_stays(runs, two):
+def test_great_circle_of_free_body(runs, two):
     """After the load of case 3 ends at 0.5 s the non-twisting body stays on it, the standard body leaves it."""
 
     def leaves(run, times):
@@ -317,7 +317,7 @@ GUIDES = ("_meridian", "_parallel", "_level", "_child")  # what only helps the e
 
 
 @pytest.mark.parametrize("draw_one", [plot.path, plot.polhode])
-def test_a_sphere_is_drawn_in_the_colours_of_the_style(draw_one, runs):
+def test_sphere_colours(draw_one, runs):
     with matplotlib.style.context("dark_background"):
         axes = draw_one(runs[0])
         assert max(to_rgb(axes.patches[0].get_facecolor())) < 0.05
@@ -326,7 +326,7 @@ def test_a_sphere_is_drawn_in_the_colours_of_the_style(draw_one, runs):
         assert min(contrast(text.get_color(), "black") for text in axes.texts) > 4.5
 
 
-def test_twist_angle_of_long_steps_is_that_of_short_ones():
+def test_twist_angle_of_long_steps():
     """Of states half a radian apart a frame would be transported 0.14 rad wrong."""
     free, start = nt.standard([3, 4, 5]), {"tolerance": 1e-9, "t_end": 10, "material_angular_velocity": (1, 2, 0.5)}
     few, many = nt.simulate(free, **start), nt.simulate(free, times=np.linspace(0, 10, 999), **start)
@@ -346,7 +346,7 @@ def test_twist_angle_of_long_steps_is_that_of_short_ones():
     assert len(of_part) == part.sizes["time"]
 
 
-def test_twist_angle_of_a_spin_and_of_bodies_that_may_not_spin():
+def test_twist_angle_of_bodies():
     spin = nt.simulate(nt.standard([2, 2, 1]), t_end=4, step=0.02, material_angular_velocity=[0, 0, 3], order=8)
     degrees, axes = plot.twist_angle(spin, degrees=True), plot.twist_angle(spin, swing=True)
     assert ys(degrees)[0] == pytest.approx(np.degrees(3 * spin.time.values), abs=1e-8)
@@ -361,7 +361,7 @@ def test_twist_angle_of_a_spin_and_of_bodies_that_may_not_spin():
     assert np.ptp(axes.get_ylim()) > 0.01
 
 
-def test_curves_of_many_swings_are_laid_on_each_other():
+def test_curves_of_many_swings():
     """33 swings of 60°: ψ is a thin line on the wide one of τ, whose dashes would merge; two runs look likewise."""
 
     def recorded(periods):
@@ -387,7 +387,7 @@ def test_curves_of_many_swings_are_laid_on_each_other():
     assert {line.get_linewidth() for line in few} == {1.1}
 
 
-def test_multipliers_and_the_published_reaction_moment(runs, two):
+def test_multipliers_and_reaction_moment(runs, two):
     axes = plot.reaction_moment(nt.simulate(nt.nontwisting(PAPER_J), t_end=0.1, step=1e-3, order=8, **FREE))
     assert ys(axes)[0] == pytest.approx(-66.857142857, rel=1e-9)
     assert axes.get_ylabel() == "reaction moment $-μ$ (N m)"
@@ -401,7 +401,7 @@ def test_multipliers_and_the_published_reaction_moment(runs, two):
     assert plot.multipliers(runs[0]).get_ylabel() == "multiplier $μ$ (N m)"
 
 
-def test_polhode_lies_on_the_inertia_ellipsoid():
+def test_polhode():
     """One of a symmetric top is a circle, without a separatrix."""
     J = np.array([[1.2, 0.1, 0], [0.1, 2, 0.2], [0, 0.2, 3]])
     how = {"t_end": 4, "step": 0.02, "material_angular_velocity": [0.5, 2, 1]}
@@ -434,7 +434,7 @@ def test_polhode_lies_on_the_inertia_ellipsoid():
         assert outline.width * outline.height > 0.5 * whole
 
 
-def test_threads_that_draw_leave_the_settings_as_they_were():
+def test_threads_leave_settings():
     """One that begins while another draws would take the settings of figures for those of the user."""
     before, drawn = dict(matplotlib.rcParams), threading.Event()
 
@@ -455,7 +455,7 @@ def test_threads_that_draw_leave_the_settings_as_they_were():
     assert dict(matplotlib.rcParams) == before
 
 
-def test_axes_and_properties_that_a_caller_gives_are_used_and_nothing_global_changes(runs, two):
+def test_callers_axes_and_properties(runs, two):
     before = dict(matplotlib.rcParams)
     for name in FUNCTIONS:
         axes = plot.new_axes(columns=2)[0]
@@ -490,7 +490,7 @@ def contrast_of(artist):
     return contrast(tuple(1 - (1 if alpha is None else alpha) * (1 - x) for x in to_rgb(artist.get_color())))
 
 
-def test_letters_and_lines_can_be_seen_at_print_size(runs, two):
+def test_print_size(runs, two):
     """Letters 8 pt high, 4.5 times as dark as the ground; lines that are data or explain it 3 times (WCAG)."""
     panel, _ = plot.new_axes(columns=2, panels=2)
     figures = [draw(name, runs, two) for name in FUNCTIONS] + [plot.momenta(two, panel)]
@@ -511,7 +511,7 @@ def test_letters_and_lines_can_be_seen_at_print_size(runs, two):
             assert line.get_linewidth() >= 0.4
 
 
-def test_panels_have_letters_of_one_height_beside_their_legends(two):
+def test_panel_letters(two):
     panels = plot.new_axes(columns=2, panels=3, height=1.8)
     for axes, draw_one in zip(panels, (plot.path, plot.polhode, plot.momenta), strict=True):
         draw_one(two, axes)
@@ -524,7 +524,7 @@ def test_panels_have_letters_of_one_height_beside_their_legends(two):
     assert [axes.texts[:] for axes in plot.new_axes(panels=2, letters=False) + plot.new_axes()] == [[], [], []]
 
 
-def test_colours_are_those_of_the_pages(runs, two):
+def test_colours_of_the_pages(runs, two):
     """Of one run those of components; of several one for each, in all figures of one component, by its place alone."""
     ink = colours()
     for axes, names in (
@@ -545,7 +545,7 @@ def test_colours_are_those_of_the_pages(runs, two):
             assert any(look["color"] in inks(legend.get_lines()) for legend in axes.findobj(Legend))
 
 
-def test_the_energy_of_tops_shows_what_is_exchanged():
+def test_energy_of_tops():
     """One that hangs at rest keeps K = 0 and V = -m g l; of a fast one K is 18 J and changes by 0.03 J, as V does."""
     top = nt.heavy_top([2, 2, 1], mass=1.5, centre_of_mass=(0, 0, 0.6))
     still, almost = (
@@ -571,7 +571,7 @@ def test_the_energy_of_tops_shows_what_is_exchanged():
     assert labels == ["change of energy (J)", "energy (J)", "change of energy (J)"]
 
 
-def test_names_of_axes_are_clear_of_paths_and_of_the_legend():
+def test_axis_names_are_clear():
     """Where an axis points at the legend; and where the path starts at the place that the name of x would have."""
     rng = np.random.default_rng(3)
     place = Camera(*np.radians([25, 25])).view().T @ (-0.55, -0.5, 0.669)
@@ -594,7 +594,7 @@ def test_names_of_axes_are_clear_of_paths_and_of_the_legend():
                 assert axes.figure.bbox.contains(*box.p1)
 
 
-def test_a_tube_closes_and_has_its_radius():
+def test_closed_tube():
     """A torus, seen from above: between two circles; every edge of a face belongs to two faces."""
     t = 2 * np.pi * np.arange(200) / 200
     circle = 3 * np.stack([np.cos(t), np.sin(t), 0 * t], axis=1)
@@ -617,7 +617,7 @@ def test_a_tube_closes_and_has_its_radius():
     assert np.ptp([path.vertices[:, 1] for path in faces.get_paths()]) == pytest.approx(0.4)
 
 
-def test_files_have_a_journals_size_and_embedded_fonts(tmp_path):
+def test_files_for_a_journal(tmp_path):
     """Of axes with ten ticks where there was room for five: labels are placed beside those that are drawn."""
     (ax,) = plot.new_axes(height=2.45)
     with plot.style():
@@ -638,7 +638,7 @@ def test_files_have_a_journals_size_and_embedded_fonts(tmp_path):
         assert word not in text
 
 
-def test_pyplot_shows_and_saves_the_figure_where_it_has_been_imported(runs, tmp_path):
+def test_pyplot(runs, tmp_path):
     plt = pytest.importorskip("matplotlib.pyplot")
     with plot.style("springer"):
         ax = plot.momenta(runs[0])
@@ -651,7 +651,7 @@ def test_pyplot_shows_and_saves_the_figure_where_it_has_been_imported(runs, tmp_
     assert plt.get_fignums() == [ax.figure.number]
 
 
-def test_a_notebook_shows_the_figure_that_a_cell_ends_in(runs, monkeypatch):
+def test_notebook(runs, monkeypatch):
     monkeypatch.delitem(sys.modules, "matplotlib.pyplot", raising=False)
     axes = plot.momenta(runs[0], plot.new_axes(columns=2)[0])
     for shown in (axes, axes.figure):
@@ -679,7 +679,7 @@ def cielab(linear):
     return np.stack([116 * f[:, 1] - 16, 500 * (f[:, 0] - f[:, 1]), 200 * (f[:, 1] - f[:, 2])], axis=1)
 
 
-def test_colours_are_told_apart_in_grey_and_with_any_colour_vision():
+def test_colours_in_grey():
     with plot.style():
         rgb = np.array([to_rgb(colour) for colour in dict.fromkeys(look["color"] for look in cycle())])
     linear = np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4)

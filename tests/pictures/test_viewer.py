@@ -54,7 +54,7 @@ def contents_of(page):
     return json.loads(re.search(r'id="content">(.*?)</script>', page, re.DOTALL)[1])
 
 
-def test_triad_and_twist_give_the_non_twisting_frame():
+def test_twist_gives_nontwisting_frame():
     axis = np.array([0.3, -0.4, 1.2]) / 1.3
     J = [[3, 0.2, 0.4], [0.2, 4, -0.3], [0.4, -0.3, 5]]
     for body, W, n in ((nt.standard(J), [1, 2, 1], [0, 0, 1]), (nt.suslov(J, axis), [4, 3, 0], axis)):
@@ -69,7 +69,7 @@ def test_triad_and_twist_give_the_non_twisting_frame():
     assert "Arrows" in content(run)["about"]
 
 
-def test_the_box_has_the_inertia_of_the_body():
+def test_box_has_the_inertia():
     sides, turn = np.array([1.0, 2.0, 3.0]), Rotation.from_rotvec([0.3, -0.7, 0.4]).as_matrix()
     J = turn @ nt.inertia.of_cuboid(1.0, sides) @ turn.T
     box = content(nt.simulate(nt.standard(J), t_end=0.1, step=0.05, angular_velocity=[1, 0, 0]))["box"]
@@ -77,7 +77,7 @@ def test_the_box_has_the_inertia_of_the_body():
     assert abs(np.array(box["edges"]) @ turn) == pytest.approx(np.eye(3), abs=1e-12)
 
 
-def test_what_tells_of_the_twist_comes_first(case3):
+def test_twist_comes_first(case3):
     held, free = map(content, case3)
     titles = [[each["title"] for each in page["panels"]] for page in (held, free)]
     assert titles[0] == ["Twist", "Reaction moment", "Spatial momentum", "Material momentum", "Kinetic energy"]
@@ -91,7 +91,7 @@ def test_what_tells_of_the_twist_comes_first(case3):
     assert abs(case3[0].material_momentum.sel(director=3)).max() < 1e-9
 
 
-def test_curves_of_rotors_and_of_energies():
+def test_rotors_and_energies():
     """From the start on. A momentum of 2e-10 of the largest one is not taken for round-off."""
     rotors = (nt.rotor((0, 0, 1), 0.3), 2 * nt.rotor((1, 0, 0), [0.5, 1.5], [0, 2]), nt.rotor((0, 1, 0), 1e-9))
     top = nt.heavy_top([2, 2, 1], 1.5, [0, 0, 0.6])
@@ -106,7 +106,7 @@ def test_curves_of_rotors_and_of_energies():
             assert numbers(curve["values"]) == pytest.approx(values, rel=1e-6, abs=0)
 
 
-def test_recordings_are_shown_as_runs_are(case3):
+def test_recordings(case3):
     run = case3[1]
     turns, shown = Rotation.from_quat(run.quaternion.values), content(run)
     for motion in (nt.twist(turns, run.time.values), run.quaternion, run[["quaternion", "directors"]].drop_attrs()):
@@ -147,7 +147,7 @@ LOADS_IN_WORDS = [
 ]
 
 
-def test_the_page_says_what_it_shows(free):
+def test_page_text(free):
     how = {"t_end": 1, "step": 0.05, "material_angular_velocity": (1, 0, 1)}
     held = nt.simulate(nt.suslov([3, 4, 5], (0, 1, 0)), **how)
     top = nt.simulate(nt.heavy_top([2.0, 2.2, 1.0], 1.5, [0.1, 0.0, 0.6]), integrator="split", order=2, **how)
@@ -174,7 +174,7 @@ def test_the_page_says_what_it_shows(free):
     assert [load_in_words(json.loads(json.dumps(load.description))) for load in loads] == LOADS_IN_WORDS
 
 
-def test_long_runs_are_decimated_and_keep_their_peaks():
+def test_decimation_keeps_peaks():
     how = {"t_end": 300, "step": 0.01, "order": 2}
     run = nt.simulate(nt.standard([1, 2, 2.5]), material_angular_velocity=(0.6, 0.2, 0.3), **how)
     run["kinetic_energy"][12345] = 99.0
@@ -191,7 +191,7 @@ def test_long_runs_are_decimated_and_keep_their_peaks():
     assert content(fast.isel(time=slice(0, 400)))["about"]["States"] == "all 400 shown"
 
 
-def test_what_cannot_be_shown_is_refused(case3, tmp_path, write):
+def test_refusals(case3, tmp_path, write):
     run, turns = case3[0], Rotation.from_quat(case3[1].quaternion.values)
     about_space = nt.twist(turns, run.time.values, axis_frame="space")
     lacking = run.drop_vars("kinetic_energy")
@@ -217,7 +217,7 @@ def test_what_cannot_be_shown_is_refused(case3, tmp_path, write):
         said(result.stderr.rpartition("Error: ")[2])
 
 
-def test_a_view_is_shown_saved_opened(case3, tmp_path, monkeypatch):
+def test_shown_saved_opened(case3, tmp_path, monkeypatch):
     how = {"t_end": 1, "step": 0.1, "material_angular_velocity": [1, 2, 0]}
     page = nt.view(nt.integrate(nt.nontwisting([1, 2, 2.5]), **how))
     assert "default-src 'none'" in page.html
@@ -237,7 +237,7 @@ def test_a_view_is_shown_saved_opened(case3, tmp_path, monkeypatch):
     assert contents_of(text)["title"] == contents_of(text)["runs"][0]["name"] == evil
 
 
-def test_a_recording_is_read_by_the_options_of_twist(tmp_path):
+def test_reading_options(tmp_path):
     """Two files of one motion, of which one needs four options, show the same attitudes."""
     t = np.arange(50) / 25
     attitudes = Rotation.from_euler("ZYX", np.stack([np.sin(2 * t), 0.5 * np.sin(3 * t), 0.3 * t], axis=1))
@@ -331,7 +331,7 @@ def plays(page, start, stop):
     assert clock(page) == stopped
 
 
-def test_the_page_plays_and_scrubs_in_a_browser(case3, visit):
+def test_browser_plays_and_scrubs(case3, visit):
     page = visit(nt.view(*case3).html, viewport={"width": 1280, "height": 900})
     assert page.evaluate("runs.map((run) => run.panels.flatMap((panel) => panel.curves).length)") == [9, 8]
     at_start = pictures(page)
@@ -478,7 +478,7 @@ def test_keys_and_drags(case3, visit):
 
 @pytest.mark.long
 @pytest.mark.parametrize("count", [1, 2])
-def test_nothing_overflows_and_controls_have_names(case3, visit, count):
+def test_legible_and_named(case3, visit, count):
     page = visit(nt.view(*case3[:count]).html)
     for width in (1280, 900, 390, 320, 700):
         page.set_viewport_size({"width": width, "height": 800})
@@ -523,7 +523,7 @@ def test_unusual_runs_are_drawn(visit):
         assert "NaN" not in page.inner_text("body")
 
 
-def test_states_are_added_between_stored_ones_at_times_that_are_apart():
+def test_completed_states():
     fast = nt.simulate(nt.standard([2, 3, 4]), t_end=0.4, step=0.005, angular_velocity=[0, 1, 120])
     time = smooth(fast)["time"].values
     assert np.isin(fast["time"], time).all()

@@ -12,7 +12,7 @@ THERE = {
 }
 
 
-def test_what_is_the_same_or_renamed_is_there():
+def test_same_or_renamed():
     assert sorted(THERE - names()) == []
 
 
@@ -40,7 +40,7 @@ def test_nearly_all_calls_are_made():
         ("exit 0; prints", "exit 0; prints; run.nc: written", False),
     ],
 )
-def test_results_are_compared_by_their_numbers(old, new, is_alike):
+def test_results_are_compared_by_numbers(old, new, is_alike):
     assert alike(old, new) == is_alike
 
 

@@ -24,7 +24,7 @@ def run():
 
 
 @pytest.mark.parametrize("letters", [*LETTERS, *(x.upper() for x in LETTERS)])
-def test_angles_are_those_of_scipy_and_rates_their_derivatives(run, letters):
+def test_angles_by_scipy(run, letters):
     found = with_euler(run, letters)
     angles, rates, h = found.euler_angles.values, found.euler_rates.values, 1e-3
     assert np.array_equal(angles, Rotation.from_quat(run.quaternion.values).as_euler(letters))
@@ -34,7 +34,7 @@ def test_angles_are_those_of_scipy_and_rates_their_derivatives(run, letters):
 
 
 @pytest.mark.parametrize(("letters", "middle"), [("ZXZ", 0.0), ("zyz", np.pi), ("ZYX", np.pi / 2), ("xyz", -np.pi / 2)])
-def test_in_gimbal_lock_the_outer_rates_are_infinite_and_said_to_be(letters, middle):
+def test_gimbal_lock(letters, middle):
     start = {"rotation": Rotation.from_euler(letters, [0.2, middle, 0.4]), "material_angular_velocity": (1, 2, 3)}
     run = simulate(STANDARD, t_start=0.25, t_end=1, step=0.25, **start)
     with warned("gimbal-lock") as said:

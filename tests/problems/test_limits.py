@@ -99,14 +99,14 @@ DEPARTURES = {  # what pages call a vector, a rotation, a body: by how much it m
 
 @pytest.mark.filterwarnings("ignore:d3")
 @pytest.mark.parametrize(("call", "limit"), DEPARTURES.values(), ids=DEPARTURES)
-def test_of_departures_from_what_is_asked_for(call, limit):
+def test_departure_from_request(call, limit):
     call(0.98 * limit)
     with pytest.raises(ValueError):  # noqa: PT011 - of whatever sentence
         call(1.02 * limit)
 
 
 @pytest.mark.parametrize(("scheme", "least"), [("gauss", 0.5), ("lie-midpoint", 2.0)])
-def test_a_sine_that_steps_do_not_resolve_is_told(scheme, least, recwarn):
+def test_unresolved_sine_warns(scheme, least, recwarn):
     """Of so many steps a period its nodes see it twice; gauss has the order 8."""
     for count, told in ((1.001 * least, 0), (0.999 * least, 1)):
         load = sine([1, 0, 0], 1 / (0.1 * count))
@@ -114,7 +114,7 @@ def test_a_sine_that_steps_do_not_resolve_is_told(scheme, least, recwarn):
         assert sum("does not resolve" in str(one.message) for one in recwarn.list) == told
 
 
-def test_short_ramps_of_the_torque_of_a_wheel_shorten_no_other_steps():
+def test_short_torque_ramps():
     def steps(ramp):
         load = wheel("z", 0.5, 1, torque=([0, ramp, 3, 3 + ramp], [0, 0.1, 0.1, 0]))
         return integrate(standard([3, 4, 5]), t_end=100, store="end", load=load).stretches.steps

@@ -110,7 +110,7 @@ KINDS = ['"standard"', '"nontwisting"', '"suslov"', '"heavy_top"']
 
 
 @pytest.mark.usefixtures("newcomers")
-def test_a_run_file_and_its_schema_take_them_and_name_them(written):
+def test_run_file_and_schema(written):
     run = simulate(read_run_file(written).problem)
     how = {"t_end": 1, "step": 1 / 32, "material_angular_velocity": (0, 1, 2), "integrator": "munthe-kaas", "order": 1}
     assert np.array_equal(run.directors, simulate(BODIES["skate"].make(**BODIES["skate"].sample), **how).directors)
@@ -129,7 +129,7 @@ def test_a_run_file_and_its_schema_take_them_and_name_them(written):
 
 
 @patch.dict(INTEGRATORS)
-def test_kinds_that_are_not_registered_are_errors(written):
+def test_unregistered_kinds(written):
     INTEGRATORS.pop(MuntheKaas.name, None)  # of a copy in the package
     known = ", ".join(f'"{name}"' for name in INTEGRATORS)
     assert problems_of(written) == [
@@ -140,7 +140,7 @@ def test_kinds_that_are_not_registered_are_errors(written):
 
 @pytest.mark.usefixtures("newcomers")
 @pytest.mark.parametrize("at_once", [None, many_euler])
-def test_a_sweep_makes_the_bodies_of_its_members(at_once, write, tmp_path):
+def test_sweep_of_a_body(at_once, write, tmp_path):
     written = write(RUN + SWEEP)
     BODIES["skate"] = replace(BODIES["skate"], at_once=at_once)
     many = sweep(written, tmp_path / "store", workers=1)
@@ -151,7 +151,7 @@ def test_a_sweep_makes_the_bodies_of_its_members(at_once, write, tmp_path):
 
 
 @pytest.mark.usefixtures("newcomers")
-def test_viewer_comparison_and_figure_have_words_for_them(written):
+def test_words_in_viewer_and_figure(written):
     told = content(simulate(read_run_file(written).problem))
     assert told["name"] == "skating body"
     assert told["about"]["Integrator"] == "munthe-kaas, order 1, step 0.03125 s"
@@ -184,7 +184,7 @@ def gate(inertia, mass, centre_of_mass, gravity=(0, 0, -9.81)):
     return replace(with_gravity(suslov(inertia, (0, 1, 0)), mass, centre_of_mass, gravity), name="gate")
 
 
-def test_validate_measures_constrained_bodies_under_gravity():
+def test_validate_under_gravity():
     """Of the kinds of the package, those with gravity have no axis; a check of mu had left its moment out."""
     sample = {"inertia": SAMPLES["suslov"].convected_inertia, "mass": 1.2, "centre_of_mass": [0.1, -0.2, 0.6]}
     with patch.dict(BODIES, gate=BodyKind(gate, "gate", sample)):
@@ -192,7 +192,7 @@ def test_validate_measures_constrained_bodies_under_gravity():
 
 
 @pytest.mark.long
-def test_validate_measures_them_in_other_processes_too(tmp_path, monkeypatch):
+def test_validate_in_other_processes(tmp_path, monkeypatch):
     (tmp_path / "own_skate.py").write_text(*blocks_of_the_page("body"), encoding="utf-8")
     monkeypatch.syspath_prepend(tmp_path)
     with patch.dict(BODIES):
@@ -212,7 +212,7 @@ MOON = BodyKind(moon, "top on the moon", {"inertia": [3, 4, 5], "mass": 1, "cent
 
 
 @patch.dict(BODIES, moon=MOON)
-def test_random_bodies_of_a_validation_include_heavy_ones_of_ones_own(monkeypatch):
+def test_heavy_random_bodies(monkeypatch):
     """As many more, as random as the others, whose K + V is constant."""
     monkeypatch.setattr(conserved, "ALL", [("gauss", 4)])
     monkeypatch.setattr(conserved, "BODIES_OF_EACH_KIND", 5)
@@ -235,7 +235,7 @@ class Brake(DirectorForces):
 
 @patch.dict(LOADS, brake=Brake)
 @pytest.mark.parametrize("scheme", ["gauss", "split", "continuous"])
-def test_director_forces_of_ones_own_are_a_damping(scheme):
+def test_director_forces_are_damping(scheme):
     """-c d3 × (w × d3) = -c (I - d3 ⊗ d3) w: a matrix of damping, which other code computes."""
     how = {"t_end": 2, "step": 0.01, "material_angular_velocity": (1, -2, 3), "integrator": scheme}
     run = simulate(BRICK, load=Brake(0.3), **how)
@@ -264,7 +264,7 @@ sweep.over = [{ key = "start.angular_velocity.body", kind = "list", values = [[1
 """
 
 
-def test_an_observable_of_ones_own_is_in_runs_files_ensembles_and_sweeps(nutation, write, tmp_path):
+def test_observable_everywhere(nutation, write, tmp_path):
     """Of a body that turns about its first director, which is principal: θ = W1 t."""
     how = {"t_end": 1.5, "step": 0.05, "events": lambda t, state: nutation(state) - 1}
     run = simulate(BRICK, material_angular_velocity=(2, 0, 0), **how)
@@ -308,7 +308,7 @@ def importing(registry, *words):
     return done
 
 
-def test_the_commands_of_the_page_read_a_log(here):
+def test_commands_read_a_log(here):
     shutil.copy(ROOT / "examples" / "own_reader.py", here)
     python, command = map(shlex.split, re.findall(r"^(?:python|nontwist) .*$", page("recording"), re.MULTILINE))
     assert (*python[:2], command[0]) == ("python", "-c", "nontwist")
@@ -319,7 +319,7 @@ def test_the_commands_of_the_page_read_a_log(here):
 
 
 @patch.dict(READERS)
-def test_a_reader_names_the_place_in_a_damaged_file(write):
+def test_reader_names_the_place(write):
     example("reader")
     for text in (b"1|1|0|0|0\n2|x|0|0|1", b"\xff1|1|0|0|0", b"\xef\xbb\xbf"):
         path = write(text, "cut.spin")
@@ -360,7 +360,7 @@ Two = scheme("Two", name="two", orders=(2, 4))
         ("nameless", scheme("Nameless", orders=(2,))),
     ],
 )
-def test_integrators_that_cannot_run_are_refused_when_they_are_registered(key, cls):
+def test_integrator_refused_at_registration(key, cls):
     for add, given in ((INTEGRATORS.__setitem__, (key, cls)), (INTEGRATORS.update, [[(key, cls)]])):
         with patch.dict(INTEGRATORS), says():
             add(*given)
@@ -370,7 +370,7 @@ def test_integrators_that_cannot_run_are_refused_when_they_are_registered(key, c
         Two()
 
 
-def test_a_class_that_is_defined_again_replaces_itself():
+def test_class_is_replaced():
     with patch.dict(INTEGRATORS):
         first, second = (example("integrator")["MuntheKaas"] for _ in range(2))
         assert first is not second is INTEGRATORS["munthe-kaas"]
@@ -393,7 +393,7 @@ class Heun(Integrator):
 
 
 @patch.dict(INTEGRATORS, heun=Heun)
-def test_an_integrator_of_one_order_needs_no_field_for_it(here, write):
+def test_integrator_of_one_order(here, write):
     how = {"t_end": 1, "material_angular_velocity": (0, 1, 2), "load": sine((1, 2, 0), 0.7)}
     assert Heun() == Heun(order=3) == Heun.variants()[0]
     for choice in ({"integrator": "heun"}, {"integrator": "heun", "order": 3}, {"integrator": Heun()}):
@@ -425,7 +425,7 @@ def test_an_integrator_of_one_order_needs_no_field_for_it(here, write):
 
 
 @pytest.mark.long
-def test_the_code_of_the_pages_passes_strict_checks_of_types(tmp_path):
+def test_strict_types_of_pages(tmp_path):
     """All blocks in Python, and a line in a class; `make lint` looks at the examples."""
     names = [path.stem for path in (ROOT / "docs" / "contributing").glob("*.md")]
     files = {f"{name}_{k}.py": code for name in names for k, code in enumerate(blocks_of_the_page(name))}
@@ -452,14 +452,14 @@ test_what_an_entry_lacks_is_named = refused_as(
 )
 
 
-def test_an_integrator_without_numbers_of_steps_fails_its_check():
+def test_integrator_without_step_counts():
     with patch.dict(INTEGRATORS, {"third": Third}, clear=True):
         failed = [check.name for check in validate("orders").checks if "ValueError" in check.name]
     assert failed
     said(failed[0])
 
 
-def test_the_keys_of_bodies_are_those_of_run_files():
+def test_body_keys():
     assert {"kind", *KEYS} == set(Body.model_fields)
 
 
@@ -469,7 +469,7 @@ time.t_end = 1
 """
 
 
-def test_commands_import_modules_of_ones_own(here, write):
+def test_commands_import_modules(here, write):
     """Before or after the command, whose hints then have the option."""
     shutil.copy(ROOT / "examples" / "own_load.py", "own_load.py")
     write(MAGNET)
@@ -487,7 +487,7 @@ def test_commands_import_modules_of_ones_own(here, write):
 
 
 @pytest.mark.parametrize("has_processes", [False, pytest.param(True, marks=pytest.mark.long)])
-def test_workers_of_dask_import_modules_of_ones_own(has_processes, here, write, monkeypatch):
+def test_dask_workers_import_modules(has_processes, here, write, monkeypatch):
     """Threads or processes, which do not begin in this folder."""
     cluster = partial(distributed.LocalCluster, processes=has_processes)
     monkeypatch.setattr("distributed.LocalCluster", cluster)
@@ -499,7 +499,7 @@ def test_workers_of_dask_import_modules_of_ones_own(has_processes, here, write, 
     assert "2, 0 failed" in importing(LOADS, *words).stdout
 
 
-def test_modules_that_cannot_be_imported_are_named(tmp_path, monkeypatch):
+def test_missing_module_is_named(tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(tmp_path)
     (tmp_path / "broken.py").write_text("raise ValueError('at its end')\n", encoding="utf-8")
     for name, message in (
@@ -514,7 +514,7 @@ def test_modules_that_cannot_be_imported_are_named(tmp_path, monkeypatch):
 
 
 @patch.dict(BODIES, moon=MOON)
-def test_a_default_of_a_body_of_ones_own_is_that_of_its_run_file(write):
+def test_default_of_a_body(write):
     body = 'kind = "moon"\ninertia = [2, 2, 1]\nmass = 3\ncentre_of_mass = [0, 0, 0.5]\n'
     path = write(f"[body]\n{body}[time]\nt_end = 1\n")
     for overrides, gravity in (([], 1.62), (["body.gravity=[0, 0, -3.7]"], 3.7)):

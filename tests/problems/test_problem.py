@@ -33,13 +33,13 @@ CALLS = {
 
 
 @pytest.mark.parametrize("name", CALLS)
-def test_a_problem_and_its_keywords_are_the_same(name):
+def test_problem_equals_keywords(name):
     whole, apart = CALLS[name](PROBLEM), CALLS[name](BODY, **PROBLEM.given)
     assert np.array_equal(whole, apart)
     assert not np.array_equal(whole, CALLS[name](PROBLEM, load=nt.sine((0, 0, 2), frequency=0.5)))
 
 
-def test_starts_of_a_problem_are_left_aside_where_calls_give_them():
+def test_starts_of_calls_win():
     run = nt.propagator(PROBLEM)
     assert np.array_equal(run(**START).quaternion[-1], nt.integrate(PROBLEM).quaternion[-1])
     loop = nt.stepper(PROBLEM.replace(load=None, integrator="lie-midpoint", order=2))
@@ -50,7 +50,7 @@ def test_starts_of_a_problem_are_left_aside_where_calls_give_them():
 
 
 @pytest.mark.parametrize("change", [{"times": [0.5, 1.0]}, {"events": nt.spin_below(0.1)}, {"load_scale": 2.0}])
-def test_what_a_function_does_not_take_is_refused(change):
+def test_unexpected_keyword(change):
     (name,), problem = change, PROBLEM.replace(**change)
     with pytest.raises(ValueError, match=f"lyapunov does not take {name}"):
         nt.lyapunov(problem)
@@ -58,7 +58,7 @@ def test_what_a_function_does_not_take_is_refused(change):
     nt.lyapunov(problem, **{name: None})
 
 
-def test_what_one_run_has_not_is_refused(tmp_path):
+def test_missing_in_a_run(tmp_path):
     stepped, scaled = PROBLEM.replace(events=nt.spin_below(0.1)), PROBLEM.replace(load_scale=2.0)
     for call, words in (
         (lambda: nt.stepper(stepped), "stepper does not take events"),
@@ -72,7 +72,7 @@ def test_what_one_run_has_not_is_refused(tmp_path):
             call()
 
 
-def test_a_keyword_that_is_none_names_the_nearest():
+def test_keyword_none():
     for function in (nt.simulate, nt.lyapunov, nt.propagator, nt.simulate_ensemble, Problem):
         with pytest.raises(TypeError, match=r"argument 't_endd'; did you mean t_end=\?"):
             function(BODY, t_endd=1)
@@ -153,7 +153,7 @@ WRITTEN = {
 
 
 @pytest.mark.parametrize("name", WRITTEN)
-def test_a_problem_is_read_as_it_was_written(name, tmp_path):
+def test_written_and_read(name, tmp_path):
     """And its forecast is of the run."""
     problem, path = WRITTEN[name], tmp_path / "run.toml"
     problem.write(path)
@@ -173,7 +173,7 @@ def own_wheel(speed):
     return 0.9 * speed
 
 
-def test_python_functions_have_no_place_in_a_file(tmp_path):
+def test_python_functions_in_a_file(tmp_path):
     for change in (
         {"load": nt.wheel((1, 2, 2), 0.5, 3.0, friction=own_wheel)},
         {"load": nt.wheel((1, 2, 2), 0.5, 3.0, torque=lambda t, speed: 2 - speed)},
@@ -185,7 +185,7 @@ def test_python_functions_have_no_place_in_a_file(tmp_path):
     assert not list(tmp_path.iterdir())
 
 
-def test_files_are_not_replaced_nor_recorded_of_a_changed_problem(tmp_path):
+def test_existing_and_changed_problems(tmp_path):
     path = tmp_path / "run.toml"
     PROBLEM.write(path)
     with pytest.raises(FileExistsError):
@@ -199,11 +199,11 @@ def test_files_are_not_replaced_nor_recorded_of_a_changed_problem(tmp_path):
         nt.sweep(problem.replace(t_end=3), tmp_path / "store")
 
 
-def test_what_cannot_be_run_is_forecast():
+def test_forecast_of_impossible_runs():
     assert PROBLEM.replace(integrator="split", load=nt.dry_friction(0.1)).forecast().problems[0][0] == "integrator"
 
 
-def test_a_copy_is_the_same_problem(tmp_path):
+def test_copy_is_equal(tmp_path):
     PROBLEM.write(tmp_path / "run.toml")
     expected = nt.integrate(PROBLEM).quaternion
     for problem in (PROBLEM, Problem.read(tmp_path / "run.toml")):
@@ -211,7 +211,7 @@ def test_a_copy_is_the_same_problem(tmp_path):
             assert np.array_equal(nt.integrate(again).quaternion, expected)
 
 
-def test_a_body_is_written_as_it_is_not_as_its_name_says(tmp_path):
+def test_body_is_written_in_full(tmp_path):
     body = dataclasses.replace(nt.suslov([3, 4, 5], (5e-9, 0, 1)), name="nontwisting")
     Problem(body, t_end=1, step=0.1, material_angular_velocity=(0, 1, 0)).write(tmp_path / "run.toml")
     again = Problem.read(tmp_path / "run.toml").system
@@ -223,7 +223,7 @@ def test_a_body_is_written_as_it_is_not_as_its_name_says(tmp_path):
 HEAD = '[body]\nkind = "standard"\ninertia = [3, 4, 5]\n[time]\nt_end = 2\nstep = 0.1\n[[load]]\nframe = "body"\n'
 
 
-def test_a_constant_moment_of_a_file_lasts_as_long_as_any_run(tmp_path):
+def test_constant_moment_has_no_end(tmp_path):
     path = tmp_path / "run.toml"
     path.write_text(HEAD + 'kind = "constant"\nmoment = [1, 0, 0]\n', encoding="utf-8")
     problem = Problem.read(path)
@@ -234,7 +234,7 @@ def test_a_constant_moment_of_a_file_lasts_as_long_as_any_run(tmp_path):
     assert 'kind = "constant"' in (tmp_path / "again.toml").read_text(encoding="utf-8")
 
 
-def test_files_beside_a_run_file_go_with_it(tmp_path):
+def test_files_go_along(tmp_path):
     (tmp_path / "t.csv").write_text("t,a,b,c\n0,0,0,1\n2,1,0,0\n", encoding="utf-8")
     (tmp_path / "run.toml").write_text(HEAD + 'kind = "csv"\nfile = "t.csv"\n', encoding="utf-8")
     (tmp_path / "sub").mkdir()
@@ -244,7 +244,7 @@ def test_files_beside_a_run_file_go_with_it(tmp_path):
     assert np.array_equal(nt.integrate(again).quaternion, nt.integrate(problem).quaternion)
 
 
-def test_a_body_too_light_for_a_kilogram_is_written_with_more(tmp_path):
+def test_very_light_body(tmp_path):
     """J of 1e-4 kg m² about the pivot leaves no room for 1 kg at 8 mm: only mass times centre acts."""
     top = nt.heavy_top([1e-4, 1e-4, 1e-4], mass=2.0, centre_of_mass=(0, 0, 0.004))
     how = {"t_end": 0.2, "material_angular_velocity": (1, 2, 30)}

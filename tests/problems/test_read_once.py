@@ -18,7 +18,7 @@ time = { t_end = 1, step = 0.01 }
 """
 
 
-def test_what_was_read_is_what_is_run_and_hashed_and_a_changed_copy_is_prepared_anew(tmp_path, monkeypatch):
+def test_file_is_read_once(tmp_path, monkeypatch):
     """Even where a mesh or a table that the run file names was changed since."""
     trimesh = pytest.importorskip("trimesh")
     monkeypatch.chdir(tmp_path)

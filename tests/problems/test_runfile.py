@@ -118,11 +118,11 @@ ONE_LINE = {
 
 
 @pytest.mark.parametrize("case", ONE_LINE)
-def test_errors_are_reported_in_a_line(case, write):
+def test_error_in_a_line(case, write):
     said(lines(write, ONE_LINE[case])[0])
 
 
-def test_ten_to_the_nine_stored_steps_are_refused(write):
+def test_too_many_stored_steps(write):
     (line,) = lines(write, BODY + TIME.replace("0.1", "1e-9"))
     assert re.match(
         r"time\.store: 1 \(1e\+09 stored states need 800 GB, .* GB are free; store=\d+ fits, or store='end'\)", line
@@ -130,11 +130,11 @@ def test_ten_to_the_nine_stored_steps_are_refused(write):
     assert read(write, BODY + TIME.replace("0.1", '1e-9\nstore = "end"')).time.store == "end"
 
 
-def test_more_states_are_skipped_than_there_are(write):
+def test_too_many_skipped_states(write):
     assert simulate(read(write, f"{BODY}{TIME}store = {10**20}\n").problem).sizes["time"] == 2
 
 
-def test_a_byte_order_mark_and_carriage_returns_are_no_fault(write):
+def test_byte_order_mark(write):
     text = (BODY + TIME).replace("\n", "\r\n")
     assert read(write, b"\xef\xbb\xbf" + text.encode()) == read(write, BODY + TIME)
     assert lines(write, ONE_LINE["Latin-1"])[0].startswith("line 2: ")
@@ -153,7 +153,7 @@ angular_velocity = { body = [1, nan, 0] }
 """
 
 
-def test_all_errors_are_reported_at_once(write):
+def test_all_errors_at_once(write):
     keys = "body.axes start.angular_velocity.body.1 load.1.frame load.1.amplitude load.1.frequency time.store "
     keys += "output.figures.0 titel body.axis start.rotation.euler load.0.coefficient integrator.order time.step"
     assert [line.split(": ")[0] for line in lines(write, WRONG_ALL_OVER)] == keys.split()
@@ -185,12 +185,12 @@ FORMS = {
 
 
 @pytest.mark.parametrize("form", FORMS)
-def test_each_form_of_the_start_is_the_same_rotation(form, write):
+def test_forms_of_the_start(form, write):
     run_file = read(write, f"{BODY}{TIME}[start]\nrotation = {FORMS[form]}\n")
     assert run_file.problem.rotation.as_matrix() == pytest.approx(R.as_matrix(), abs=1e-15)
 
 
-def test_angular_velocity_in_body_and_in_space(write):
+def test_angular_velocity_frames(write):
     W = np.array([0.3, -0.2, 0.7])
     start = f"{BODY}{TIME}[start]\nrotation = {FORMS['matrix']}\n"
     body = simulate(read(write, f"{start}angular_velocity = {{ body = {W.tolist()} }}").problem)
@@ -200,7 +200,7 @@ def test_angular_velocity_in_body_and_in_space(write):
 
 
 @pytest.mark.parametrize("name", example_names())
-def test_every_example_runs_and_keeps_its_invariants(name):
+def test_examples_keep_invariants(name):
     """And the paper's cases have every printed digit."""
     run_file = read_run_file(EXAMPLES / f"{name}.toml")
     if run_file.time.t_end > 5:
@@ -218,7 +218,7 @@ def test_every_example_runs_and_keeps_its_invariants(name):
         assert table.agrees
 
 
-def test_every_kind_of_body_has_an_example():
+def test_example_of_every_body():
     kinds = {read_run_file(EXAMPLES / f"{name}.toml").body.kind for name in example_names()}
     assert kinds == set(KINDS_OF_BODIES)
 
@@ -266,7 +266,7 @@ def test_bodies(case, write):
         assert one is other is None or one == pytest.approx(other, abs=1e-14)
 
 
-def test_a_mesh_lies_beside_its_run_file(write, tmp_path):
+def test_mesh_beside_the_file(write, tmp_path):
     trimesh = pytest.importorskip("trimesh")
     trimesh.creation.box((1000, 2000, 3000)).apply_translation((500, 0, 0)).export(tmp_path / "box.stl")
     mesh = 'mesh = { file = "box.stl", mass = 6, scale = 0.001, about = "origin" }'
@@ -340,13 +340,13 @@ WRONG_CSV = {
 
 
 @pytest.mark.parametrize("case", WRONG_CSV)
-def test_what_is_wrong_with_a_csv_file(case, write):
+def test_csv_errors(case, write):
     write(WRONG_CSV[case], "load.csv")
     (line,) = lines(write, f'{BODY}{TIME}[[load]]\nkind = "csv"\nframe = "body"\nfile = "load.csv"\n')
     said(line)
 
 
-def test_a_csv_file_of_a_rotor_is_named(write):
+def test_csv_file_of_a_rotor(write):
     write("t,h\n0,1\n0,2\n", "load.csv")
     (line,) = lines(write, f'{BODY}{TIME}[[load]]\nkind = "rotor"\naxis = "z"\nfile = "load.csv"\n')
     assert line.startswith('load.0.file: "load.csv" (times must increase')
@@ -382,13 +382,13 @@ def test_invalid_overrides(override, write):
         read(write, BODY + TIME, override)
 
 
-def test_a_script_is_not_a_run_file(write):
+def test_script_is_refused(write):
     with says(RunFileError):
         read_run_file(write("x = 1\n", "body.py"))
 
 
 @pytest.mark.parametrize("name", ["case2", "heavy_top"])
-def test_a_result_tells_how_it_was_made_and_can_be_made_again(name, write):
+def test_result_can_be_made_again(name, write):
     run = simulate(read_run_file(EXAMPLES / f"{name}.toml", ["time.t_end=0.5", "time.step=0.005"]).problem)
     again = simulate(read(write, run.attrs["run_file"]).problem)
     assert np.array_equal(again.directors, run.directors)
@@ -398,7 +398,7 @@ def test_a_result_tells_how_it_was_made_and_can_be_made_again(name, write):
     assert "{  }" not in run.attrs["run_file"]  # options of the integrator: there are none
 
 
-def test_a_changed_csv_file_does_not_pass_for_the_old_one(write):
+def test_changed_csv_file(write):
     write("t,a,b,c\n0,1,2,3\n1,0,0,0\n", "load.csv")
     first = read(write, f'{BODY}{TIME}[[load]]\nkind = "csv"\nframe = "body"\nfile = "load.csv"\n')
     assert forecast(first).loads == ("csv (load.csv: 2 rows, 0 s to 1 s, up to 3 N m along an axis)",)
@@ -411,12 +411,12 @@ def test_a_changed_csv_file_does_not_pass_for_the_old_one(write):
 @pytest.mark.parametrize(
     "value", ['a"b\\c\n\t\x7f\u2028é', 1e-50, -0.0, 10**20, True, [], [[1.0], ["x"]], {"a b": 1, "c": {}}]
 )
-def test_toml_is_written_as_it_is_read(value):
+def test_toml_round_trip(value):
     text = toml_text({"key": value, "table": {"x": value}, "many": [{"x": value}, {}]})
     assert document("", text.encode()) == {"key": value, "table": {"x": value}, "many": [{"x": value}, {}]}
 
 
-def test_the_schema_is_committed_and_says_what_the_reader_says():
+def test_schema():
     committed = (PLACE / "docs" / "runfile.schema.json").read_text(encoding="utf-8")
     assert ended(0, "schema").stdout == committed, "run: nontwist schema > docs/runfile.schema.json"
     validator = pytest.importorskip("jsonschema").Draft202012Validator(json.loads(committed))
@@ -428,7 +428,7 @@ def test_the_schema_is_committed_and_says_what_the_reader_says():
     assert "null" not in committed
 
 
-def test_the_page_on_run_files_holds_one_that_runs(write):
+def test_page_holds_a_run_file(write):
     page = (PLACE / "docs" / "run-files.md").read_text(encoding="utf-8")
     text = page.split("```toml\n")[1].split("```")[0]
     run = simulate(read(write, text).problem)
@@ -529,7 +529,7 @@ def outcome(data):
 
 @pytest.mark.filterwarnings("ignore:the centre of mass is the fixed point")
 @pytest.mark.parametrize("count", [20, pytest.param(10_000, marks=pytest.mark.long)])
-def test_generated_documents_end_in_a_run_or_a_clear_error(count):
+def test_generated_documents(count):
     """Whether the runs are right, `test_generated_problems` asks."""
     ends = []
 

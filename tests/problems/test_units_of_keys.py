@@ -53,7 +53,7 @@ def test_the_units_of_keys(tmp_path):
     assert unit_of(read_run_file(path), "body.inertia.cuboid.lengths.0") == "m"
 
 
-def test_moments_are_those_of_their_force_and_arm():
+def test_moments_of_force_and_arm():
     g, lb = 9.80665, 0.45359237
     forces = {"N": 1, "mN": 1e-3, "µN": 1e-6, "kN": 1e3, "MN": 1e6, "lbf": lb * g, "ozf": lb * g / 16}
     forces |= {"kgf": g, "gf": g / 1000}

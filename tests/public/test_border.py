@@ -48,7 +48,7 @@ REFUSED = {
 test_what_is_no_number_is_refused = refused_as({name: partial(nt.standard, value) for name, value in REFUSED.items()})
 
 
-def test_dates_are_times_of_a_twist_and_nothing_else():
+def test_dates_are_twist_times():
     motion = run().directors.values.mT
     dates = np.array([0, 500, 1000], "M8[ms]")
     assert nt.twist(motion, dates).time.values.tolist() == [0.0, 0.5, 1.0]
@@ -69,13 +69,13 @@ def test_dates_are_times_of_a_twist_and_nothing_else():
         np.array([1, 2, 3], np.longdouble),
     ],
 )
-def test_numbers_of_every_kind_are_taken(value):
+def test_numbers_of_every_kind(value):
     found = as_array(value, "W", (3,))
     assert found.dtype == np.float64
     assert found.tolist() == [1.0, 2.0, 3.0]
 
 
-def test_what_is_taken_is_a_copy():
+def test_copies_are_taken():
     given = np.zeros(3)
     as_floats(given, "W")[0] = 1.0
     assert given[0] == 0.0
@@ -88,7 +88,7 @@ def test_what_is_taken_is_a_copy():
         nt.standard(scipy.sparse.eye_array(3))
 
 
-def test_extended_precision_beyond_the_range_of_floats_is_refused_without_a_warning():
+def test_extended_precision_overflow():
     if np.finfo(np.longdouble).max == np.finfo(np.float64).max:
         pytest.skip("long doubles are doubles here")
     with pytest.raises(ValueError, match=r"W\[1\] = inf is not finite"):

@@ -52,7 +52,7 @@ SHOWN = [pytest.param(name, marks=is_late(name)) for name, thing in PUBLIC.items
 
 
 @pytest.mark.parametrize("name", SHOWN)
-def test_the_example_does_what_it_says(name, tmp_path, monkeypatch):
+def test_example(name, tmp_path, monkeypatch):
     thing = PUBLIC[name]
     assert "Examples" in headings(thing), f"{name} has no example"
     monkeypatch.chdir(tmp_path)
@@ -65,7 +65,7 @@ def test_the_example_does_what_it_says(name, tmp_path, monkeypatch):
     assert not result.failed, "".join(told)
 
 
-def test_simulate_names_the_integrators_that_take_times():
+def test_simulate_names_integrators_with_times():
     (told,) = (
         " ".join(p.desc) for p in NumpyDocString(inspect.getdoc(nontwist.simulate))["Parameters"] if p.name == "times"
     )
@@ -74,7 +74,7 @@ def test_simulate_names_the_integrators_that_take_times():
     }
 
 
-def test_sections_are_in_the_order_of_numpydoc_and_every_parameter_is_described():
+def test_sections_and_parameters():
     for name, thing in PUBLIC.items():
         found = headings(thing)
         assert found == [heading for heading in ORDER if heading in found], name
@@ -86,7 +86,7 @@ def test_sections_are_in_the_order_of_numpydoc_and_every_parameter_is_described(
         assert sorted(described) == sorted(inspect.signature(thing).parameters), name
 
 
-def test_options_that_functions_share_are_described_in_each():
+def test_shared_options():
     for function, names in ((nontwist.read_motion, specs(ReadOptions)), (nontwist.fit_inertia, ["body", "rate"])):
         words = " ".join(function.__doc__.split())
         for name in names:

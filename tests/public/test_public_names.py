@@ -40,17 +40,17 @@ def test_names_survive_every_import(seed):
     subprocess.run([sys.executable, "-c", code], check=True)
 
 
-def test_modules_have_names_of_their_own():
+def test_module_names_are_unique():
     last = [name.rsplit(".", 1)[1] for name in modules()]
     assert [name for name in last if last.count(name) > 1] == []
 
 
-def test_no_module_bears_the_name_of_a_public_function():
+def test_modules_and_functions_differ():
     last = {name.rsplit(".", 1)[1] for name in modules()}
     assert last & (set(nontwist.__all__) - NAMESPACES) == set()
 
 
-def test_the_names_are_those_of_the_stub_as_python_reads_it():
+def test_stub_as_python_reads_it():
     tree = ast.parse(files("nontwist").joinpath("__init__.pyi").read_text(encoding="utf-8"))
     nodes = [node for node in tree.body if isinstance(node, ast.ImportFrom)]
     assert {(alias.name, alias.asname, node.module, node.level) for node in nodes for alias in node.names} == {
@@ -58,12 +58,12 @@ def test_the_names_are_those_of_the_stub_as_python_reads_it():
     }
 
 
-def test_the_help_of_the_package_is_its_table_of_contents():
+def test_help_lists_all_names():
     named = [name for line in nontwist.__doc__.splitlines()[2:] for name in re.findall(r"\w+", line.partition(":")[2])]
     assert {name for name in nontwist.__all__ if named.count(name) != 1} == set()
 
 
-def test_names_are_listed_for_completion_and_others_are_attribute_errors():
+def test_completion_and_attribute_errors():
     assert {"simulate", "plot", "__version__"} <= set(dir(nontwist))
     assert nontwist.__version__
     with pytest.raises(AttributeError, match="module 'nontwist' has no attribute 'simulat'"):
@@ -71,7 +71,7 @@ def test_names_are_listed_for_completion_and_others_are_attribute_errors():
 
 
 @pytest.mark.parametrize("name", sorted(NAMESPACES))
-def test_public_modules_list_their_public_names(name):
+def test_modules_list_public_names(name):
     """None of what they import; of modules without `__all__` what they define."""
     module = getattr(nontwist, name)
     assert sorted(dir(module)) == sorted(getattr(module, "__all__", dir(module)))
@@ -89,7 +89,7 @@ def test_public_modules_list_their_public_names(name):
         (nontwist.rotations, "rotvec", "it has cayley, cayley_inverse"),
     ],
 )
-def test_an_attribute_that_a_public_module_lacks_is_guessed(module, name, hint):
+def test_missing_attribute_is_guessed(module, name, hint):
     assert not hasattr(module, "__wrapped__")
     with pytest.raises(AttributeError) as told:
         getattr(module, name)
@@ -103,7 +103,7 @@ def test_an_attribute_that_a_public_module_lacks_is_guessed(module, name, hint):
         (nontwist.curves, "curves is a module, not a function; it has closed_frame, "),
     ],
 )
-def test_a_module_that_is_called_names_functions(module, told):
+def test_called_module(module, told):
     with pytest.raises(TypeError, match=f"^{re.escape(told)}"):
         module([0, 0, 0, 1], scalar_first=False)
 
@@ -136,14 +136,14 @@ LOOP = nontwist.stepper(BODY, 0.1)
         (lambda: nontwist.inertia.of_cylinder(1, 1, height=1), "'height'; did you mean length=?"),
     ],
 )
-def test_a_call_with_other_arguments_is_told_what_is_meant(call, told):
+def test_wrong_arguments_are_explained(call, told):
     with pytest.raises(TypeError) as error:
         call()
     assert told in str(error.value)
     assert error.value.__suppress_context__
 
 
-def test_a_type_error_inside_a_function_is_its_own():
+def test_inner_type_error():
     def fails(x):
         return x + ""
 
@@ -172,11 +172,11 @@ RUN = nontwist.simulate(BODY, t_end=1, step=0.1, material_angular_velocity=(1, 2
         (lambda: nontwist.simulate(BODY, t_end=1, events=lambda t, y: y.W), "material_angular_velocity, quaternion"),
     ],
 )
-def test_what_is_given_in_another_form_is_told_the_right_one(call, told):
+def test_other_forms_are_explained(call, told):
     with pytest.raises(ValueError, match=re.escape(told)):
         call()
 
 
-def test_a_trajectory_is_shown_in_one_line():
+def test_trajectory_repr():
     run = nontwist.propagator(BODY, t_end=1, step=0.25, store=1)()
     assert repr(run) == f"<Trajectory: {BODY!r}, gauss, 0 to 1 s, 5 states: done>"

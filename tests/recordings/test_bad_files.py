@@ -37,7 +37,7 @@ WRONG = {  # content, code of the refusal; or what makes something that is no fi
 
 @pytest.mark.filterwarnings("ignore::nontwist.errors.InputWarning")
 @pytest.mark.parametrize("case", WRONG)
-def test_what_is_no_recording_is_refused_in_one_sentence(case, here):
+def test_refused_in_one_sentence(case, here):
     content, code = WRONG[case]
     if os.name == "nt" and not code:
         pytest.skip("links need rights on Windows, which has no FIFOs")
@@ -52,7 +52,7 @@ def test_what_is_no_recording_is_refused_in_one_sentence(case, here):
     assert [one.name for one in here.iterdir()] == ["a.csv"]
 
 
-def test_a_file_larger_than_the_memory_is_not_begun(tmp_path, monkeypatch):
+def test_file_larger_than_memory(tmp_path, monkeypatch):
     (tmp_path / "a.npz").write_text(GOOD, encoding="utf-8")
     monkeypatch.setattr(reading, "free_memory", lambda: 1.5 * len(GOOD))
     monkeypatch.setitem(READERS, ".npz", lambda path, how: pytest.fail("it is read"))
@@ -60,7 +60,7 @@ def test_a_file_larger_than_the_memory_is_not_begun(tmp_path, monkeypatch):
         read_motion(tmp_path / "a.npz", rate=100)
 
 
-def test_a_file_that_changes_while_it_is_read(tmp_path, monkeypatch):
+def test_file_changes_while_read(tmp_path, monkeypatch):
     def read(path, how, plain=READERS[".csv"]):
         found = plain(path, how)
         Path(path).write_text(GOOD + ROWS, encoding="utf-8")
@@ -72,7 +72,7 @@ def test_a_file_that_changes_while_it_is_read(tmp_path, monkeypatch):
         read_motion(tmp_path / "a.csv")
 
 
-def test_a_stream_is_read_to_a_limit(monkeypatch):
+def test_stream_limit(monkeypatch):
     monkeypatch.setattr(text_reader, "LONGEST", 100)
     text = "t,qw,qx,qy,qz\n0,1,0,0,0\n1,0,1,0,0\n"
     assert np.array_equal(read_motion(io.StringIO(text)).time, [0, 1])

@@ -340,7 +340,7 @@ def test_siblings(name, tmp_path):
 @pytest.mark.parametrize(
     ("header", "since"), [("DateTime", 25_569), ("datenum", 719_529), ("Julian date", 2_440_587.5)]
 )
-def test_days_are_counted_from_where_their_numbers_say(header, since):
+def test_origin_of_days(header, since):
     """B11."""
     content = clocked(header, [f"{since + 20_543.5 + t / 86_400:.12f}" for t in T])
     found = read_motion(io.StringIO(content))
@@ -364,7 +364,7 @@ def test_angular_velocities(name, tmp_path):
     assert np.ptp(found.time) == pytest.approx(0.02 * (len(truth) - 1), abs=1e-9)
 
 
-def test_json_of_a_twist_of_few_samples_has_no_nan(tmp_path):
+def test_json_without_nan(tmp_path):
     """E3."""
     made(text({"time": T[:8], **quat("q{}", values=makers.WXYZ[:8])})).write(tmp_path)
     ended(0, "twist", tmp_path / "a.csv", "--no-figure", "--out", tmp_path / "o")
@@ -373,7 +373,7 @@ def test_json_of_a_twist_of_few_samples_has_no_nan(tmp_path):
     assert not re.search(r"\bNaN\b", told + (tmp_path / "o.json").read_text(encoding="utf-8"))
 
 
-def test_the_kernels_that_a_caller_has_loaded_stay(tmp_path):
+def test_spice_kernels_stay(tmp_path):
     """E4."""
     spiceypy = pytest.importorskip("spiceypy")
     makers.spice_kernels(tmp_path / "a.tm")
@@ -386,7 +386,7 @@ def test_the_kernels_that_a_caller_has_loaded_stay(tmp_path):
         spiceypy.kclear()
 
 
-def test_times_outside_of_a_run_without_an_end_are_told_in_words():
+def test_endless_run_and_times_outside():
     """E7."""
     with pytest.raises(ValueError, match="outside of the run") as told:
         simulate(standard(np.diag([1.0, 2, 3])), t_start=1, times=[0.5, 2], material_angular_velocity=(1, 0, 0))

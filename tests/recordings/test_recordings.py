@@ -69,7 +69,7 @@ def backwards(motion=R):
 
 
 @pytest.mark.parametrize("beside", [gyroscope, accelerometer])
-def test_what_is_inverted_is_read_so_and_said(beside):
+def test_inverted_reading_is_said(beside):
     right, wrong = ({"time": T, **one, **beside()} for one in (quaternion(), backwards()))
     same(found := read(right))
     assert "checked: " in found.notes
@@ -83,7 +83,7 @@ def test_what_is_inverted_is_read_so_and_said(beside):
             same(read(columns, **options), expected)
 
 
-def test_rows_out_of_order_are_compared_with_the_gyroscope_in_the_order_of_time():
+def test_rows_out_of_order():
     order = np.random.default_rng(0).permutation(N)
     columns = {"time": T, **backwards(), **gyroscope()}
     with warned("reading-by-evidence"):
@@ -95,7 +95,7 @@ STEPS = np.array([[-1e-4], [0], [1e-4]])
 
 @pytest.mark.parametrize("yaw", [0.65, 0.4])
 @pytest.mark.parametrize("header", ["{} (deg)", "{}"])
-def test_a_reading_that_fits_best_but_that_the_options_exclude_is_said(header, yaw):
+def test_better_excluded_reading_is_said(header, yaw):
     """Of a body that turns mostly about y; XYZ agrees to 0.89, and to 0.91 with the columns in another order, or to
     0.94 and 0.95. No other is taken instead of what was stated.
     """
@@ -121,19 +121,19 @@ SLOW = Rotation.from_rotvec(np.outer(T / T[-1], [0.0, 0, 0.5]))
     (R, R, 1.08, []), (R, R, 1.15, ["time-contradicted"]), (R, OTHER, 1, ["no-reading-fits"]),
     (SLOW, OTHER, 1, ["no-reading-fits"]), (SLOW**0.5, OTHER, 1, []),
 ])  # fmt: skip
-def test_a_gyroscope_that_agrees_with_no_reading_is_said(motion, measured, factor, codes):
+def test_contradicting_gyroscope(motion, measured, factor, codes):
     """Or with another unit of times; a body that turns by less than 0.3 rad contradicts nothing."""
     rates = {f"{name} (deg/s)": factor * one for name, one in gyroscope(measured).items()}
     with warned(*codes):
         same(read({"time (s)": T, **backwards(motion.inv()), **rates}), motion)
 
 
-def test_of_many_rows_twenty_blocks_are_compared():
+def test_twenty_blocks_of_many_rows():
     given = evidence_of(Table(), 60_000, None)
     assert np.array_equal(given.rows, (np.linspace(0, 59_000, 20).astype(int)[:, None] + np.arange(1000)).ravel())
 
 
-def test_a_turn_about_the_vertical_tells_nothing_by_gravity():
+def test_vertical_turn_and_gravity():
     motion = Rotation.from_rotvec(np.outer(T, [0, 0, 2]))
     data = {**backwards(motion), **accelerometer(motion)}
     unconfirmed = "; direction: taken as sensor to earth, which nothing in the file confirms"
@@ -156,7 +156,7 @@ WAVY = np.stack([np.sin(T**2), np.sin(2 * T**2) / 3, T**2], axis=1)  # rad, from
         lambda angles: quaternion(values=np.roll(Rotation.from_euler("ZYX", angles.T).as_quat(), 1, axis=1).round(6)),
     ],
 )
-def test_rows_that_are_held_while_the_body_moves_are_missing(decimals, slow, kept, lost, of):
+def test_held_rows_are_missing(decimals, slow, kept, lost, of):
     """Not where it rests, or where rounding repeats them."""
     kept = np.maximum.accumulate(np.where(np.isin(np.arange(N), kept), np.arange(N), 0)) if lost else kept
     columns = of(np.round(slow * WAVY[kept].T, decimals))
@@ -187,14 +187,14 @@ def of_dates(form, dates=LATER):
     ("time", of_dates("%Y/%m/%d/%H:%M:%S.%f"), "dates"), ("device_timestamp_ms", 1e3 * T, "ms"),
     ("ms", 1e3 * T, "ms"), ("elapsed (s)", T, "s"), ("TimeStartup [ns]", 1e9 * T, "ns"),
 ])  # fmt: skip
-def test_times_by_their_headers_and_values(header, times, note):
+def test_times_by_headers_and_values(header, times, note):
     found = read({header: times, **quaternion()})
     assert found.time.values - found.time.values[0] == pytest.approx(T, abs=1e-12)
     assert f"time: column {header!r}, {note}; " in found.notes
     assert header != "Date" or found.attrs["start"] == LATER[0].timestamp()
 
 
-def test_a_date_whose_order_is_unknown_is_refused_or_left_out():
+def test_ambiguous_date():
     dates = of_dates("%d/%m/%Y %H:%M:%S.%f", DATES)
     both = "both the first and the second number are above 12 in some row"
     mixed = ["13/01/2026 12:00:00", *["01/13/2026 12:00:01"] * (N - 1)]
@@ -377,7 +377,7 @@ REFUSED = {
 
 
 @pytest.mark.parametrize("case", REFUSED)
-def test_files_are_refused_by_a_code(case, tmp_path):
+def test_refused_by_a_code(case, tmp_path):
     content, file, options, code, fields = REFUSED[case]
     path = makers.needed(made(content, file)).write(tmp_path)
     with refused(code, **fields):
@@ -470,14 +470,14 @@ SAID = {  # what is read, and a pattern of what is said of it
 
 
 @pytest.mark.parametrize("name", SAID)
-def test_motions_are_read_and_what_is_doubtful_is_said(name, tmp_path, monkeypatch):
+def test_doubtful_motions_warn(name, tmp_path, monkeypatch):
     monkeypatch.setattr(libraries, "read_apart", read_here)
     found = require_motion(makers.needed(SAID[name]), tmp_path)
     if name.startswith("times beside"):
         assert np.array_equal(found.time, 5 + T)
 
 
-def test_a_rotation_that_opensim_has_printed():
+def test_opensim_rotation():
     """That of the last frame in ground, by SimTK::Rotation."""
     last = [
         [0.934227080753713, 0.24852452834453098, 0.25584237412423283],
@@ -488,7 +488,7 @@ def test_a_rotation_that_opensim_has_printed():
 
 
 @pytest.mark.parametrize("words", ["", "Type|Name|ID"])
-def test_motive_with_its_markers_and_lost_frames(words):
+def test_motive(words):
     """Formats 1.23 and 1.21, which has no words before the types, names and identities."""
     lines = makers.motive({"arm": Q}).split("\n")
     more = ["", "", *[",".join([name] * 3) for name in ("Marker", '"arm:Marker1"', '"DF9A05"', "Position")], "X,Y,Z"]
@@ -502,7 +502,7 @@ def test_motive_with_its_markers_and_lost_frames(words):
 
 
 @pytest.mark.parametrize(("first", "second"), [('index="', 1 / 60), ('index="7', 0.017)])
-def test_times_of_mvnx_are_those_of_its_indices(first, second, tmp_path):
+def test_times_of_mvnx(first, second, tmp_path):
     """Also where they are in s, unless indices are no such numbers."""
     text = mvnx(step=1 / 60).replace('index="', first)
     for written in (text, re.sub(r'time="(\d+)"', lambda found: f'time="{int(found[1]) / 1000}"', text)):
@@ -511,7 +511,7 @@ def test_times_of_mvnx_are_those_of_its_indices(first, second, tmp_path):
     assert "checked" not in read_motion(path, body="Pelvis").notes  # it is at rest
 
 
-def test_decimal_marks_are_those_of_all_rows():
+def test_decimal_marks():
     """The first 250 rows have what may be thousands alone, or no mark; the last ones tell."""
     text = "t\tqw\tqx\tqy\tqz\n" + "".join(f"{k}\t1\t0\t0\t0\n" for k in range(250))
     same(read(text + "250\t0,6\t0\t0\t0,8\n")[-1:], Rotation.from_quat([[0, 0, 0.8, 0.6]]))
@@ -521,7 +521,7 @@ def test_decimal_marks_are_those_of_all_rows():
 
 
 @pytest.mark.parametrize("suffix", [*{reader: one for one, reader in reversed(READERS.items())}.values(), ".npz"])
-def test_files_of_another_kind_empty_or_damaged_are_refused_in_our_words(suffix, tmp_path, monkeypatch):
+def test_foreign_or_damaged_files(suffix, tmp_path, monkeypatch):
     if suffix == ".mat":
         monkeypatch.setattr(libraries, "read_apart", read_here)
     path, is_binary = made(TWO, f"a{suffix}").write(tmp_path), suffix in (".npy", ".npz", ".mat", ".c3d", ".bag")
@@ -538,7 +538,7 @@ def test_files_of_another_kind_empty_or_damaged_are_refused_in_our_words(suffix,
         assert caught.value.code == "unreadable"
 
 
-def test_a_library_that_ends_its_process_does_not_end_ours(tmp_path, monkeypatch):
+def test_library_aborts(tmp_path, monkeypatch):
     (tmp_path / "library.py").write_text("import os\n\ndef read(path):\n    os.abort()\n", encoding="utf-8")
     monkeypatch.syspath_prepend(tmp_path)
     with pytest.raises(RuntimeError, match=f"the process that reads it ended with -{signal.SIGABRT.value}"):
@@ -549,7 +549,7 @@ def test_a_library_that_ends_its_process_does_not_end_ours(tmp_path, monkeypatch
     ("suffix", "module", "extra"),
     [(".c3d", "ezc3d", "c3d"), (".bag", "rosbags.highlevel", "ros"), (".tm", "spiceypy", "spice")],
 )
-def test_a_library_that_is_missing_is_named_with_its_extra(suffix, module, extra, tmp_path, monkeypatch):
+def test_missing_library(suffix, module, extra, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, module, None)
     path = made("x", f"a{suffix}").write(tmp_path)
     result = ended(2, "twist", path, "--rate", 50, "--out", tmp_path / "o")
@@ -559,7 +559,7 @@ def test_a_library_that_is_missing_is_named_with_its_extra(suffix, module, extra
 @pytest.mark.parametrize(("missing", "in_all"), [
     (' time="180"', False), (r' time="\d+"', True), (' index="9"', False), (r' (time|index|ms)="\d+"', True),
 ])  # fmt: skip
-def test_frames_of_mvnx_keep_their_times(missing, in_all, tmp_path):
+def test_frames_of_mvnx(missing, in_all, tmp_path):
     """Where frames are lost, and one time, all times or an index is missing; without any, times are of the rate."""
     lines = [line for line in mvnx().split("\n") if not re.search(r'index="2\d"', line)]
     lines = [re.sub(missing, "", line) if in_all or 'index="9"' in line else line for line in lines]
@@ -568,7 +568,7 @@ def test_frames_of_mvnx_keep_their_times(missing, in_all, tmp_path):
     assert found.time.values == pytest.approx(expected / 50)
 
 
-def test_a_unit_that_a_header_contradicts_is_refused():
+def test_contradicted_unit():
     columns = {"t [ms]": [0, 10, 20], **dict.fromkeys(("roll_deg", "pitch_deg", "yaw_deg"), [30.0] * 3)}
     found = read(columns, euler="xyz", angle_unit="deg", time_unit="ms")
     assert found.time[-1] == pytest.approx(0.02)
@@ -602,7 +602,7 @@ ABOVE = {"": "", "comments": "# a\n# b, c, d\n\n", "a preamble": "Device;x\n\nRa
 
 
 @pytest.mark.parametrize("first", ["0.0,nan,,,", "2026-03-01T12:00:00,nan,,,", "0.0,,,,"])
-def test_a_first_row_that_is_missing_is_no_header(first):
+def test_missing_first_row(first):
     text = "\n".join(["time,qw,qx,qy,qz", first, first, *ROWS[2:]])
     if first.startswith("2026"):
         text = re.sub(r"\n(\d)\.", r"\n2026-03-01T12:00:0\1.", text)
@@ -611,7 +611,7 @@ def test_a_first_row_that_is_missing_is_no_header(first):
     same(found[2:], R[2:])
 
 
-def test_why_no_samples_are_left_is_said():
+def test_no_samples_left():
     text = "time,qw,qx,qy,qz\n0,nan,0,0,0\n0.02,,,,\n0.04,0,0,0,0\n"
     with refused("too-few-samples", left=0, count=3) as told:
         twist(read(text))
@@ -647,7 +647,7 @@ def agrees(told, code, fields):
         ("no rotation", "", "  \n// one\n"),
     ],
 )
-def test_messages_name_the_line_of_a_file(case, above, between, tmp_path):
+def test_line_in_messages(case, above, between, tmp_path):
     wrong, code, fields = WRONG_LINES[case]
     rows = [*ROWS[:40], *wrong, *([] if case == "a gap" else ROWS[40 + len(wrong) :])]
     text = ABOVE[above] + "time,qw,qx,qy,qz\n" + "\n".join([*rows[:20], between + rows[20], *rows[21:]]) + "\n"
@@ -680,7 +680,7 @@ def cell(value, place):
     (TABBED + "\t\t\t\t\t\n2\tone\t0\t0\t0\tx\n", cell("one", "line 4")),
     ("# a comment\n// another\n", ("comments-only", {})),
 ])  # fmt: skip
-def test_lines_are_those_of_an_editor(text, told):
+def test_lines_as_in_an_editor(text, told):
     """Fields of several lines make rows that are not lines; fields that are all empty are rows."""
     with refused(told[0], **told[1]):
         read(text)
@@ -708,7 +708,7 @@ def test_lines_belong_to_the_samples(tmp_path):
     assert str(told) == "rotation in line 10 is left-handed: its determinant is -1"
 
 
-def test_two_files_of_other_lines_are_named_by_rows():
+def test_files_of_different_lines():
     """Both have the same times: a row is missing in both, whichever has no number there."""
     one = read({"time": T, **quaternion()})
     values = np.where(np.arange(N)[:, None] == 5, np.nan, WXYZ)
@@ -752,7 +752,7 @@ def rounded(rows, step, each, hertz):
     (0.1, 60, rounded(999, 0.1, 6, 60)),
     (1.0, 50, rounded(979, 1, 50, 50)),
 ])  # fmt: skip
-def test_rounded_times_are_named_with_their_remedy(every, rate, told):
+def test_rounded_times(every, rate, told):
     source, t = coarse(every, rate)
     agrees(told_of(twisted, source), "rounded-times", told)
     source.seek(0)
@@ -783,7 +783,7 @@ def test_angular_velocities_are_named_likewise():
     assert (found.time.tolist(), found.warnings) == (t.tolist(), ())
 
 
-def test_angular_velocities_are_those_of_one_of_two_devices():
+def test_devices_of_angular_velocities():
     """Told apart by a column, or by what is empty."""
     names, nothing = [f"g{x} (rad/s)" for x in "xyz"], np.full((N, 4), np.nan)
     for other, column, told in ((0 * Q, ["hand", "arm"] * N, {"body": "hand"}), (nothing, [np.nan, 12.5] * N, {})):
@@ -793,7 +793,7 @@ def test_angular_velocities_are_those_of_one_of_two_devices():
         assert (found.left_out, found.warnings) == (0, ())
 
 
-def test_angular_velocities_are_those_of_a_topic_or_an_array(tmp_path, monkeypatch):
+def test_topics_of_angular_velocities(tmp_path, monkeypatch):
     monkeypatch.setattr(libraries, "read_apart", read_here)
     topics = [("/imu0", "sensor_msgs/msg/Imu"), ("/imu1", "sensor_msgs/msg/Imu")]
     arrays = {"data": {"time": T, "gyro": makers.GYR}, "spare": {"gyro": makers.ACC}}
@@ -805,7 +805,7 @@ def test_angular_velocities_are_those_of_a_topic_or_an_array(tmp_path, monkeypat
         assert abs(found.rates - makers.GYR).max() < 1e-9
 
 
-def test_duplicates_in_a_part_alone_are_not_rounded_times():
+def test_duplicates_in_a_part():
     """A logger that hung for half the recording; a file that is in there twice is no file to sort."""
     t = np.arange(2000) / 100
     values = quaternion(values=np.tile(WXYZ[:40], (50, 1)))
@@ -820,7 +820,7 @@ def test_duplicates_in_a_part_alone_are_not_rounded_times():
 
 
 @pytest.mark.parametrize("bits", [8, 16, 24, 31, 32])
-def test_counters_of_so_many_bits_are_counted_on(bits):
+def test_counters_that_wrap(bits):
     ticks = 2.0**bits - 7 + np.arange(20)
     found, words = counted_on(ticks % 2**bits, BITS)
     assert np.array_equal(found, ticks)

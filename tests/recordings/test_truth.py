@@ -406,7 +406,7 @@ def test_rates(name, tmp_path):
         assert told_of_rates(found) == BEFORE["rates"][name]
 
 
-def test_the_rates_are_those_of_the_motion():
+def test_rates_of_the_motion():
     """The closed form against differences of the attitudes."""
     e = 1e-5
     differences = (makers.moved(T - e).inv() * makers.moved(T + e)).as_rotvec() / (2 * e)

@@ -28,7 +28,7 @@ def smooth(seed, n=400):
     return t, Rotation.from_rotvec(f @ a) * Rotation.from_rotvec(f[::-1] @ b) * Rotation.from_rotvec([0.5, -1, 2])
 
 
-def test_swing_twist_minus_twist_is_the_solid_angle():
+def test_solid_angle_of_swing_twist():
     t, R = smooth(0)
     result = twist(R, t, axis=[0.1, -0.7, 0.4])
     assert result.twist_angle[0] == 0
@@ -70,7 +70,7 @@ CARRIER = smooth(7, 601)[1]
 @pytest.mark.parametrize(
     ("delta", "seen"), [*((x, "body") for x in (0, 1e-15, 1e-14, 1e-12, 1e-3)), (1e-8, "space"), (1e-8, "relative")]
 )
-def test_solid_angle_past_the_antipode_of_the_start(delta, seen):
+def test_solid_angle_past_antipode(delta, seen):
     """Three passes on either side, against the closed form; straight through counts as on the left."""
     for side in (1, -1):
         motion, expected, distance = circles(side * delta)
@@ -85,7 +85,7 @@ def test_solid_angle_past_the_antipode_of_the_start(delta, seen):
 
 
 @pytest.mark.parametrize("meridian", [0.5, -2, np.pi, 0])
-def test_solid_angle_from_the_start_to_its_antipode_and_back(meridian):
+def test_solid_angle_to_antipode(meridian):
     """There along the meridian 0, back along another, with a stay at the antipode: a lune of twice their angle.
 
     At the antipode itself Ω and the half circle that leads back are those of the sample before.
@@ -99,7 +99,7 @@ def test_solid_angle_from_the_start_to_its_antipode_and_back(meridian):
 
 
 @pytest.mark.parametrize("seed", [0, 3])
-def test_solid_angle_is_that_of_the_polygon_so_far(seed):
+def test_solid_angle_so_far(seed):
     """Of random walks with wide steps, with the start as the pole; samples close to the antipode among them."""
     walk = [Rotation.from_rotvec([1, 2, 3])]
     for step in Rotation.from_rotvec(np.random.default_rng(seed).normal(size=(60, 3)) * 0.7):
@@ -112,7 +112,7 @@ def test_solid_angle_is_that_of_the_polygon_so_far(seed):
     assert result.solid_angle.values == pytest.approx(expected, abs=1e-8)
 
 
-def test_twist_rate_is_the_derivative_and_turns_are_right_to_round_off():
+def test_twist_rate_is_the_derivative():
     t = np.linspace(0, 2, 2001)
     result = twist(Rotation.from_rotvec(np.outer(np.sin(t), [0, 0, 1])), t)
     assert result.twist_rate.values == pytest.approx(np.cos(t), abs=2e-6)
@@ -124,7 +124,7 @@ def test_twist_rate_is_the_derivative_and_turns_are_right_to_round_off():
         assert found == pytest.approx(1e-9, rel=1e-6)
 
 
-def test_a_simulated_body_turns_about_an_axis_in_space_by_the_integral_of_its_rate():
+def test_simulated_spatial_turn():
     """About its own axis: nontwist.validation."""
     run = simulate(standard([3, 4, 5]), times=np.linspace(0, 3, 1201), angular_velocity=[1, 2, 3], integrator="exact")
     rate, weights = run.angular_velocity.sel(axis="z").values, np.tile([4.0, 2.0], 600)
@@ -165,7 +165,7 @@ def test_every_form_of_motion(form):
         assert result[name].values == pytest.approx(expected[name].values, abs=1e-9), name
 
 
-def test_units_dates_and_no_times_and_a_trajectory():
+def test_units_and_times():
     milliseconds = table(("time (ms)", "w", "x", "y", "z"), 1000 * T)
     assert twist(milliseconds).time.values == pytest.approx(T)
     dates = pandas.Timestamp("2026-01-01") + pandas.to_timedelta(T, unit="s")
@@ -176,7 +176,7 @@ def test_units_dates_and_no_times_and_a_trajectory():
     assert np.array_equal(twist(run).twist_angle, twist(run.to_dataset()).twist_angle)
 
 
-def test_rows_that_are_not_finite_are_dropped_with_a_warning():
+def test_infinite_rows_are_dropped():
     values, time = R.as_quat(), T.copy()
     values[[7, 8]], values[20], time[30] = np.nan, 0, np.nan
     with says(UserWarning):
@@ -189,7 +189,7 @@ def test_rows_that_are_not_finite_are_dropped_with_a_warning():
         quietly(lambda: twist(values, time, scalar_first=False))
 
 
-def test_unsorted_and_duplicate_times_are_repaired_with_a_warning():
+def test_unsorted_and_duplicate_times():
     swapped, double = np.arange(60), np.insert(np.arange(60), 31, 30)
     swapped[[10, 11]] = [11, 10]
     for order, told in (
@@ -272,7 +272,7 @@ OFFSETS = {
 @pytest.mark.parametrize("sizes", [TINY, pytest.param(MORE, marks=pytest.mark.long)])
 @pytest.mark.parametrize("offsets", OFFSETS)
 @pytest.mark.parametrize("order", [2, 4])
-def test_an_axis_that_moves_by_next_to_nothing(order, offsets, sizes):
+def test_barely_moving_axis(order, offsets, sizes):
     """Squares and cubes of the offsets are too small for floats; the twist is right, and nothing is NaN or warned of.
 
     The area that is swept is less than the square of the offset, 5 of which are the largest, at each step.
@@ -295,7 +295,7 @@ def test_an_axis_by_its_letter(word, axis):
     assert twist(motion, t, axis=word).identical(twist(motion, t, axis=axis))
 
 
-def test_rates_at_times_of_any_size_are_the_same_numbers():
+def test_rates_at_large_times():
     """The squares of the intervals overflow at 1e208 s; powers of two change no digit."""
     t = np.cumsum(np.random.default_rng(0).uniform(0.5, 1.5, 20))
     motion = Rotation.from_rotvec(np.outer(np.sin(t), [0.1, 0.2, 0.3]))
@@ -306,7 +306,7 @@ def test_rates_at_times_of_any_size_are_the_same_numbers():
             assert np.array_equal(twist(motion, t * 2.0**power).twist_rate.values, plain * 2.0**-power)
 
 
-def test_a_run_turns_as_far_as_its_states_say():
+def test_twist_of_a_run():
     """10 rad between stored states: attitudes alone show 2.6 back, and the integrator has counted all."""
     run = simulate(standard([3, 4, 5]), t_end=10, step=0.01, store=50, angular_velocity=[0.01, 0, 20])
     for one in (run, run.isel(time=slice(3, 9))):

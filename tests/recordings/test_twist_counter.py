@@ -22,7 +22,7 @@ def raw(seed, n=60):
 
 
 @pytest.mark.parametrize(("seed", "order", "axis_frame"), [(0, 2, "body"), (3, 4, "space")])
-def test_after_each_sample_it_is_the_twist_of_the_samples_so_far_bit_for_bit(seed, order, axis_frame):
+def test_equals_twist_after_each_sample(seed, order, axis_frame):
     """Also after a start from rest."""
     how = {"axis": np.random.default_rng(seed).normal(size=3), "order": order, "axis_frame": axis_frame}
     rest = 1e-9 * np.random.default_rng(1).normal(size=(9, 4)) + raw(2)[0]
@@ -39,7 +39,7 @@ def test_after_each_sample_it_is_the_twist_of_the_samples_so_far_bit_for_bit(see
                 assert counter.settled == whole.twist_angle.values[k - 1]
 
 
-def test_turns_between_wide_steps_count_as_in_twist():
+def test_wide_steps():
     """Where the frame that is extrapolated is far from the one that settles."""
     q = np.random.default_rng(1).standard_normal((99, 4))
     q /= np.linalg.norm(q, axis=1)[:, None]
@@ -50,7 +50,7 @@ def test_turns_between_wide_steps_count_as_in_twist():
 
 @pytest.mark.parametrize("order", [2, 4])
 @pytest.mark.parametrize("size", [1e-104, 1e-300])
-def test_an_axis_that_moves_by_next_to_nothing_counts_as_in_twist(size, order):
+def test_barely_moving_axis(size, order):
     q = np.concatenate([size * np.random.default_rng(0).standard_normal((60, 2)), np.tile([0.6, 0.8], (60, 1))], axis=1)
     counter = TwistCounter(order=order, scalar_first=False)
     found = np.array([counter.update(x) for x in q])
@@ -59,7 +59,7 @@ def test_an_axis_that_moves_by_next_to_nothing_counts_as_in_twist(size, order):
 
 
 @pytest.mark.parametrize("order", [2, 4])
-def test_rests_and_repetitions_count_as_in_twist(order):
+def test_rests_and_repetitions(order):
     """While the axis rests, nothing settles at order 4; the twist goes on."""
     R = smooth(3, 80)[1]
     held = np.repeat(R.as_quat(), np.where(np.arange(80) == 40, 30, 1), axis=0)
@@ -73,7 +73,7 @@ def test_rests_and_repetitions_count_as_in_twist(order):
 
 
 @pytest.mark.parametrize("order", [2, 4])
-def test_many_streams_are_as_one_each(order):
+def test_many_streams(order):
     q = np.stack([raw(seed) for seed in range(6)], axis=1).reshape(60, 2, 3, 4)
     many, *ones = (TwistCounter(order=order, scalar_first=False) for _ in range(7))
     for k in range(60):
@@ -108,7 +108,7 @@ def spin(turns):
     return Rotation.from_rotvec([0, 0, 2 * np.pi * turns])
 
 
-def test_gaps_of_less_than_half_a_turn_are_bridged_and_longer_ones_flagged():
+def test_gaps():
     """A steady spin of 0.1 turns in a second: what is missing for 4 s is bridged, for 6 s it is not."""
     counter, found = TwistCounter(), []
     for t in (0, 1, 2, 6, 7, 13, 14):
@@ -117,7 +117,7 @@ def test_gaps_of_less_than_half_a_turn_are_bridged_and_longer_ones_flagged():
     assert found[4:] == [(0.7, 0), (found[5][0], 1), (0.4, 1)]  # the turn that was lost
 
 
-def test_a_sample_that_is_missing_is_a_gap_also_without_times():
+def test_missing_sample():
     counter = TwistCounter(scalar_first=False)
     q = [spin(0.15 * k).as_quat() for k in range(12)]
     for k in (2, 3):
@@ -137,7 +137,7 @@ def test_a_sample_that_is_missing_is_a_gap_also_without_times():
 
 
 @pytest.mark.parametrize("order", [2, 4])
-def test_half_a_turn_of_the_axis_is_flagged_and_the_count_goes_on(order):
+def test_half_turn_of_the_axis(order):
     counter = TwistCounter(order=order)
     for k in range(4):
         count = counter.update(Rotation.from_rotvec([0.1 * k, 0, 0]) * spin(0.1 * k))
@@ -190,7 +190,7 @@ WRONG_UPDATES = [
 ]
 
 
-def test_what_is_wrong_is_said_and_counts_nothing():
+def test_errors_count_nothing():
     for how, told in WRONG_COUNTERS:
         with pytest.raises(ValueError, match=f"^{re.escape(told)}"):
             TwistCounter(**how)
@@ -204,7 +204,7 @@ def test_what_is_wrong_is_said_and_counts_nothing():
     assert len({[one.update(R) for R in Rotation.random(9, rng=1)][-1] for one in tiny}) == 1
 
 
-def test_a_counter_can_be_kept_and_forgets_when_told():
+def test_pickle_and_reset():
     counter, q = TwistCounter("x", scalar_first=False), raw(4)
     for x in q[:30]:
         counter.update(x)

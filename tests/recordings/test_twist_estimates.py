@@ -66,7 +66,7 @@ def ratio(d3, t, order, frames):
     ("smooth", 20), ("random", 20), ("sparse, jittered", 20),
     *(pytest.param(kind, 1000, marks=pytest.mark.long) for kind in KINDS),
 ])  # fmt: skip
-def test_the_estimate_is_within_five_times_the_error_on_95_percent_of_recordings(kind, count):
+def test_estimate_bounds_the_error(kind, count):
     found = []
     for seed in range(count):
         d3, t = recording(kind, seed)
@@ -77,7 +77,7 @@ def test_the_estimate_is_within_five_times_the_error_on_95_percent_of_recordings
     assert np.median(found, axis=0) == pytest.approx([1, 2], abs=0.6)
 
 
-def test_the_estimate_tends_to_a_multiple_of_the_error():
+def test_limit_of_the_estimate():
     """Twice it at order 4, and once at order 2: the leading term is that of the error, also at uneven steps."""
     d3 = axis_path(np.random.default_rng(5))
     for steps in (np.ones(4000), np.random.default_rng(1).uniform(0.2, 1.8, 4000), np.resize([1.0, 7.0], 4000)):
@@ -88,7 +88,7 @@ def test_the_estimate_tends_to_a_multiple_of_the_error():
 
 @pytest.mark.filterwarnings("ignore:.*right angle:UserWarning")
 @pytest.mark.parametrize("sigma", [1e-4, 1e-2])
-def test_the_level_of_noise_is_found(sigma):
+def test_level_of_noise(sigma):
     found = []
     for seed in range(10):
         d3, t = recording("smooth", seed)
@@ -98,7 +98,7 @@ def test_the_level_of_noise_is_found(sigma):
     assert np.median(found, axis=0) == pytest.approx(1, abs=0.1)
 
 
-def test_the_level_of_many_even_samples_is_that_of_their_differences():
+def test_level_of_many_even_samples():
     t, levels = np.linspace(0, 6, 20_000), []
     u = axis_path(np.random.default_rng(4))(t) + 1e-3 * np.random.default_rng(5).normal(size=(len(t), 3))
     u /= np.linalg.norm(u, axis=1)[:, None]
@@ -110,7 +110,7 @@ def test_the_level_of_many_even_samples_is_that_of_their_differences():
     assert noise_level(u, t) == pytest.approx(nearest, rel=1e-9)
 
 
-def test_a_smooth_recording_has_next_to_no_noise():
+def test_smooth_recording():
     d3, t = axis_path(np.random.default_rng(2)), np.linspace(0, 6, 2000)
     uneven = np.sort(np.random.default_rng(3).uniform(0, 6, 2000))
     for given, times, most in ((t, t, 1e-12), (uneven, uneven, 1e-8), (t, t + 1e-3 * np.sin(t), 1e-9)):
@@ -119,7 +119,7 @@ def test_a_smooth_recording_has_next_to_no_noise():
     assert noise_level(np.broadcast_to([0.0, 0, 1], (50, 3)), np.arange(50.0)) == 0
 
 
-def test_the_level_of_noise_where_steps_differ_by_more_than_floats_can_tell():
+def test_noise_with_uneven_steps():
     """Products of eight of their quotients are too small for floats; nothing is NaN or warned of."""
     for seed in range(20):
         rng = np.random.default_rng(seed)
@@ -131,7 +131,7 @@ def test_the_level_of_noise_where_steps_differ_by_more_than_floats_can_tell():
 @pytest.mark.filterwarnings("ignore:.*right angle:UserWarning")
 @pytest.mark.parametrize("count", [20, pytest.param(400, marks=pytest.mark.long)])
 @pytest.mark.parametrize(("sigma", "order", "rate"), [(1e-3, 4, 1.0), (2e-2, 2, 0.0), (2e-2, 4, 0.0)])
-def test_what_noise_does_to_the_twist_is_estimated(sigma, order, rate, count):
+def test_effect_of_noise(sigma, order, rate, count):
     """The deviation from the twist of the clean recording, in units of the estimate: 1 in the mean square.
 
     With the rate 0 the axis rests, and all that is left is σ²√(n/2) and the ends.
@@ -160,7 +160,7 @@ def exact_fan(polygon, pole):
 
 @pytest.mark.parametrize("side", [1, -1])
 @pytest.mark.parametrize("delta", [1e-3, 1e-9, 1e-12])
-def test_solid_angle_of_sides_and_vertices_beside_the_antipode_of_the_pole(delta, side):
+def test_solid_angle_beside_the_antipode(delta, side):
     rng = np.random.default_rng(4)
     for _ in range(3):
         turn = Rotation.random(rng=rng)
@@ -189,7 +189,7 @@ def test_rounding_is_noise_that_recurs(tilt, rate, unit, inverse):
 
 
 @pytest.mark.parametrize(("unit", "is_one"), [(0.7e-6, False), (1.5e-6, True), (0.09, True), (0.15, False)])
-def test_units_of_rounding_are_from_a_millionth_to_a_tenth(unit, is_one):
+def test_units_of_rounding(unit, is_one):
     motion = Rotation.random(9000, rng=1)
     for values, squares in ((motion.as_quat(), 3), (motion.as_matrix(), 24)):
         given = np.round(values / unit) * unit

@@ -129,7 +129,7 @@ EVERY = product([30, 60, 180], [100e-6, -200e-6], [0, 3e-4, 2e-3], [range(12)])
 
 
 @pytest.mark.parametrize(("end", "drift", "sigma", "seeds"), [*QUICK, *(pytest.param(*x, marks=LONG) for x in EVERY)])
-def test_a_drift_is_found_where_both_ends_are_shaken_and_else_refused(end, drift, sigma, seeds):
+def test_drift_needs_both_ends(end, drift, sigma, seeds):
     for seed in seeds:
         if (end, drift, sigma, seed) == (180, 100e-6, 2e-3, 2):  # the speeds are less alike than is asked for
             with refused("unlike-speeds"):
@@ -145,14 +145,14 @@ def test_a_drift_is_found_where_both_ends_are_shaken_and_else_refused(end, drift
 
 
 @pytest.mark.parametrize(("drift", "seed"), [(500e-6, 0), pytest.param(-800e-6, 2, marks=LONG)])
-def test_a_large_drift_of_a_long_recording_is_found(drift, seed):
+def test_large_drift(drift, seed):
     """By 0.5 s at the end, several periods of a shake: the drift that fits best nearby is wrong by 500 ppm or more."""
     error, unsure = drift_found(600, drift, 2, seed, 0)
     assert abs(error) < 1e-6
     assert unsure < 2e-6
 
 
-def test_a_drift_of_recordings_that_move_in_one_part_is_as_uncertain_as_said():
+def test_uncertainty_of_drift():
     """Both sensors move for the first third alone."""
     t = np.arange(0, 90, 0.01)
     arm = Rotation.from_rotvec(np.outer(bump(t, 15, 12) * np.sin(2 * t + 0.1 * t**2), [0.3, 0.2, 0.5]))
@@ -163,14 +163,14 @@ def test_a_drift_of_recordings_that_move_in_one_part_is_as_uncertain_as_said():
         trial.noisy(1e-3, 1).fit(drift=True)
 
 
-def test_speeds_that_do_not_change_align_no_clocks():
+def test_constant_speeds():
     t = np.arange(0, 20, 0.01)
     for steady in (Rotation.identity(t.size), Rotation.from_rotvec(np.outer(t, [0.1, 0.2, 0.3]))):
         with refused("steady-speeds"):
             Trial(t, steady, t + 3, steady, None).twist(clocks="drift")
 
 
-def test_other_times_on_one_clock_are_interpolated_to_order_four():
+def test_times_on_one_clock():
     errors = []
     for rate in (40, 80):
         trial = recordings(20, (200, rate))
@@ -182,7 +182,7 @@ def test_other_times_on_one_clock_are_interpolated_to_order_four():
 
 
 @pytest.mark.parametrize("start", ["2026-01-01", "2026-01-01 02:00+01:00", "26:00:00"])
-def test_dates_and_durations_of_arrays_and_tables_are_of_one_clock(start):
+def test_dates_and_durations(start):
     t, fore, s, arm, psi = recordings(20, (200, 80))
     first = (pandas.Timedelta if "26:" in start else pandas.Timestamp)(start)
     one, other = ([*map(first.__add__, pandas.to_timedelta(x, unit="s"))] for x in (t[60:], s))
@@ -195,12 +195,12 @@ def test_dates_and_durations_of_arrays_and_tables_are_of_one_clock(start):
         assert found.twist_angle.values == pytest.approx(psi[60:] - psi[60], abs=1e-4)
 
 
-def test_times_have_the_unit_that_they_state():
+def test_units_of_times():
     q, time = Rotation.from_rotvec(np.outer(T, [0, 0, 1])).as_quat(), ("time", 1e3 * T, {"units": "ms"})
     assert twist(xarray.DataArray(q, {"time": time}, ("time", "quat"))).twist_rate.values == pytest.approx(1)
 
 
-def test_static_alignment_makes_up_for_mountings():
+def test_static_alignment():
     """In the pose at rest forearm and upper arm hang along the vertical; the sensors are strapped on anyhow."""
     t = np.arange(0, 20, 1 / 200)
     move = bump(t, 11, 7.0)
@@ -254,13 +254,13 @@ def shaken(seed, drift=0.0, together=True, sigma=3e-4, alike=False):
     return Trial(t, fore, s, arm(true, f[4:8]) * MOUNTED, psi).noisy(sigma, seed)
 
 
-def test_a_shift_that_loses_a_shake_is_no_rival():
+def test_shift_losing_a_shake():
     """Both shakes are alike: the first one fits the second, but then the second one fits nothing."""
     fit = shaken(1, alike=True).fit(shake=np.array(SHAKES))
     assert fit.shift == pytest.approx(-LATE, abs=2e-4)
 
 
-def test_a_gap_that_leaves_few_steps_in_a_shake_is_refused():
+def test_gap_in_a_shake():
     trial = shaken(1)
     t, fore, s, arm, _ = trial
     with refused("long-recordings", count=6) as told:
@@ -274,7 +274,7 @@ def test_a_gap_that_leaves_few_steps_in_a_shake_is_refused():
     ("clocks", "drift", "seed", "first"),
     [("shift", 0.0, 1, 0), ("shift", 0.0, 1, 1_700_000_000), (None, 0.0, 2, 0), ("drift", -300e-6, 3, 0)],
 )
-def test_clocks_are_aligned_by_the_part_in_which_both_are_shaken(clocks, drift, seed, first):
+def test_clocks_by_shakes(clocks, drift, seed, first):
     """The motion of the joint alone is refused where a shift is asked for; shifts are stated to 10 µs at any time."""
     trial, shakes = shaken(seed, drift), np.add(SHAKES, first)
     trial = trial._replace(t=trial.t + first)
@@ -295,7 +295,7 @@ def test_clocks_are_aligned_by_the_part_in_which_both_are_shaken(clocks, drift, 
 
 
 @pytest.mark.parametrize("seeds", [range(1), pytest.param(range(1, 8), marks=LONG)])
-def test_no_shift_is_made_up_of_a_part_in_which_the_sensors_move_on_their_own(seeds):
+def test_independent_motion_gives_no_shift(seeds):
     """Shaken one by one, or named where the joint moves."""
     for seed, count, (together, first) in product(seeds, (1, 2), ((True, 20.0), (False, 1.0), (False, 24.0))):
         shake = np.array([[first, first + 3.0], [first + 10, first + 13]])[:count]
@@ -303,7 +303,7 @@ def test_no_shift_is_made_up_of_a_part_in_which_the_sensors_move_on_their_own(se
             shaken(seed, together=together).fit(count == 2, shake)
 
 
-def test_a_shake_that_is_short_or_a_rest_is_refused():
+def test_short_shake():
     trial = shaken(0, sigma=0)
     with refused("few-shaken", least=50, count=21, other=3123, first=0.0):
         trial.twist(clocks="shift", shake=(2, 2.2))
@@ -311,7 +311,7 @@ def test_a_shake_that_is_short_or_a_rest_is_refused():
         trial.twist(clocks="shift", shake=(-5, 0.9))
 
 
-def test_a_shake_that_matches_loosely_is_refused():
+def test_loose_shake():
     trial, shake = shaken(0), np.array([[1.0, 4.0]])
     fit = trial._replace(fore=noisy(trial.fore, 4e-3, 5)).fit(shake=shake)
     assert fit.shift == pytest.approx(-LATE, abs=5e-4)
@@ -320,7 +320,7 @@ def test_a_shake_that_matches_loosely_is_refused():
     assert 0.9 < told.value.fields["correlation"] < SURE
 
 
-def test_a_motion_that_repeats_is_refused():
+def test_repeating_motion():
     t = np.arange(0, 60, 0.02)
     arm = Rotation.from_rotvec(np.outer(np.sin(2 * t) + 0.1 * np.sin(t), [0.3, 0.2, 0.5]))
     with refused("several-shifts") as told:
@@ -387,7 +387,7 @@ def facts(command):
     return lambda *arguments: json.loads(command(*arguments, "--json").stdout)
 
 
-def test_the_command_aligns_clocks_by_shakes(facts):
+def test_command_aligns_clocks(facts):
     """Of dates, the first of which is at 0 s."""
     t, fore, s, arm, _ = shaken(1, -300e-6)
     one, other = written("fore.csv", fore, dates(t)), written("upper.csv", arm, dates(s))
@@ -398,7 +398,7 @@ def test_the_command_aligns_clocks_by_shakes(facts):
 
 
 @pytest.mark.parametrize(("first", "late"), [(1234.5, 0.0), (0.0, 0.5), (0.0, 0.004)])
-def test_times_on_one_axis_are_taken_as_they_are(command, facts, first, late):
+def test_times_on_one_axis(command, facts, first, late):
     """Of two files, also where the joint moves as much as the arm, and the speeds match better by another shift."""
     t = np.arange(0, 6, 0.01)
     arm, later = (
@@ -421,7 +421,7 @@ def test_times_on_one_axis_are_taken_as_they_are(command, facts, first, late):
         assert "--clocks shared uses their times unchanged" in asked
 
 
-def test_the_command_with_two_sensors_in_one_file(command, facts):
+def test_two_sensors_in_one_file(command, facts):
     """Named by their columns or, where these are Euler angles, by their bodies."""
     trial = recordings(20, (100, 100))
     arm, names = (upper(trial.t, 20) * MOUNTED).as_quat().T, ("u_qx", "u_qy", "u_qz", "u_qw")
@@ -475,7 +475,7 @@ def test_dates_of_two_files(case):
             dated.twist(clocks="shared")
 
 
-def test_speeds_of_one_clock_that_are_unlike_are_said():
+def test_unlike_speeds():
     t = np.arange(400) / 20
     one, other = (Rotation.from_rotvec(np.outer(np.cumsum(2 + np.sin(w * t)), [0.03, 0.02, 0.04])) for w in (6, 2.2))
     for clocks in (None, "shared"):
@@ -484,7 +484,7 @@ def test_speeds_of_one_clock_that_are_unlike_are_said():
 
 
 @pytest.mark.parametrize(("late", "is_said"), [(-0.07, False), (0.13, True), (-0.13, True)])
-def test_a_shift_by_less_than_a_sample_of_each_is_not_said(late, is_said):
+def test_shift_below_a_sample(late, is_said):
     t = np.arange(400) / 20
     arm = Rotation.from_rotvec(np.outer(np.cumsum(3 + np.sin(6 * t + 0.1 * t**2)), [0.03, 0.02, 0.04]))
     with warned(*["clocks-differ"] * is_said, "not-covered") as told:
@@ -492,7 +492,7 @@ def test_a_shift_by_less_than_a_sample_of_each_is_not_said(late, is_said):
     assert not is_said or told[0].fields["shift"] == pytest.approx(-late)
 
 
-def test_the_second_file_has_options_of_its_own(command, facts):
+def test_options_of_the_second_file(command, facts):
     t = np.arange(0, 20, 0.02)
     motion = Rotation.from_euler("ZYX", np.stack([np.sin(t), 0.5 * np.sin(2.3 * t), 0.3 * t], axis=1))
     one, turned = written("one.csv", motion, t), motion * Rotation.from_rotvec([0.3, 0.2, 0.1])
@@ -525,13 +525,13 @@ WRONG_OPTIONS = {
 
 
 @pytest.mark.parametrize("case", WRONG_OPTIONS)
-def test_wrong_options_of_the_second_file(case, command):
+def test_wrong_options(case, command):
     arguments, message = WRONG_OPTIONS[case]
     file = written("one.csv", Rotation.from_rotvec(np.eye(3)), np.arange(3))
     assert message in command(file, *[one.format(file) for one in arguments], code=2).stderr
 
 
-def test_messages_about_the_second_file_name_its_options(command):
+def test_messages_name_second_options(command):
     t, still = np.arange(5) / 10, Rotation.identity(5)
     one, single = written("one.csv", still, t), written("single.csv", still[:1], t[:1])
     two = written("two.csv", still, t, "a_qw a_qx a_qy a_qz", b_qw=1.0, b_qx=0.0, b_qy=0.0, b_qz=0.0)
@@ -544,7 +544,7 @@ def test_messages_about_the_second_file_name_its_options(command):
     assert "--relative-options" not in of_one_file
 
 
-def test_nothing_is_made_up_in_gaps_of_the_second_sensor():
+def test_gaps_of_the_second_sensor():
     trial = recordings(60, (100, 61.7), late=10.0)
     kept = (trial.s < 30) | (trial.s > 35)
     with warned("gaps", "not-covered") as told:
@@ -555,7 +555,7 @@ def test_nothing_is_made_up_in_gaps_of_the_second_sensor():
 
 
 @pytest.mark.parametrize(("factor", "known"), [(0.5, 1), (-0.5, -1)])
-def test_the_correlation_of_speeds_is_of_the_times_that_both_have(factor, known):
+def test_correlation_of_common_times(factor, known):
     """Of 2 + f and 2 + c f it is the sign of c, whatever the first one does before and after."""
     t = np.arange(101) / 10
     f = np.where((t[1:] > 3) & (t[1:] < 7), np.sin(3 * t[1:]), 40 * np.cos(t[1:]) ** 2)

@@ -45,7 +45,7 @@ def free():
     return compare(nt.nontwisting(PAPER_J), t_end=3, integrators=integrators, steps=[0.05, 0.025], **how)
 
 
-def test_a_failure_does_not_stop_other_runs(loaded):
+def test_failure_stops_no_other_run(loaded):
     """Runs have their orders; those that fail or are refused have reasons; the one without steps is the same at all."""
     assert loaded.step.values.tolist() == [0.5, 0.025, 0.0125, 0.00625]
     assert loaded.attrs["shared_times"] == 2
@@ -72,7 +72,7 @@ def test_a_failure_does_not_stop_other_runs(loaded):
     assert 1e-10 < without_steps.attitude_error_max[0] < 1e-5
 
 
-def test_an_order_needs_an_error_above_the_floor_that_decreases():
+def test_order_needs_falling_errors():
     errors = np.array([[4e-2, 1e-2, 1e-2, 1e-15], [1.0, np.nan, 0.25, 0.25 / np.sqrt(2)]])
     orders = comparing.measured_orders(errors, np.array([0.4, 0.2, 0.1, 0.05]), np.full(4, 1e-13))
     assert orders == pytest.approx(np.array([[np.nan, 2, np.nan, np.nan], [np.nan] * 3 + [0.5]]), nan_ok=True)
@@ -83,7 +83,7 @@ def angle_error(directors, R):
     return 2 * np.sin((Rotation.from_matrix(np.swapaxes(directors, 1, 2)).inv() * R).magnitude() / 2)
 
 
-def test_errors_of_the_free_nontwisting_body(free):
+def test_errors_of_free_nontwisting_body(free):
     """It turns about a fixed axis, Λ = exp(t Ŵ), and W stays."""
     W = np.array([6.0, -18, 0])
     for scheme, h in ((LieMidpoint(2), 0.05), (LieMidpoint(2), 0.025), (EnergyMomentum(2), 0.025)):
@@ -101,7 +101,7 @@ def test_errors_of_the_free_nontwisting_body(free):
     assert 1e-16 < free.attitude_reference_error < 1e-12
 
 
-def test_stepped_reference_against_the_closed_velocity_of_the_suslov_body():
+def test_suslov_by_a_stepped_reference():
     axis, start = np.array([0.0, 0, 1]), np.array([-4.0, 3, 0])
     body, how = nt.suslov(TILTED, axis), {"t_end": 2, "material_angular_velocity": start}
     data = compare(body, integrators=[LieMidpoint(2)], steps=[0.1], **how)
@@ -116,7 +116,7 @@ def test_stepped_reference_against_the_closed_velocity_of_the_suslov_body():
     assert data.momentum_error_max[0, 0] == pytest.approx(gap.max(), abs=3e-12)
 
 
-def test_error_bars_count_what_arithmetic_loses():
+def test_error_bars_of_arithmetic():
     """Of a closed solution, 90 rad known to 2 eps · 90; and what halved steps share, the round-off of W and of time."""
     body, push = nt.nontwisting(PAPER_J), nt.pulse(peak := np.array([-123.625, -53.75, 0]))  # as in the paper's case 2
     data = compare(body, t_end=5, load=push, integrators=["exact"], steps=[5 / 21])
@@ -134,7 +134,7 @@ def test_error_bars_count_what_arithmetic_loses():
         assert reference.error_bar(own, gap, gap_of_other) == bar  # trusted as far as another solution confirms
 
 
-def test_a_change_of_the_start_turns_the_body_as_well(monkeypatch):
+def test_changed_start_turns_the_body(monkeypatch):
     """An upright body at rest falls as cosh λt, λ² = m g l/J about the axis of the fall, and turns little about d3."""
     seen = []
     spy = "nontwist.comparison.comparing.reference"
@@ -159,7 +159,7 @@ def test_the_labels_and_the_defaults(monkeypatch):
     assert (data.status == 0).all()
 
 
-def test_the_default_steps_halve_and_hold_the_kinks():
+def test_default_steps():
     load = nt.pulse([1, 0, 0], 0.3, 0.7)
     assert [len(comparing.grids(None, 0.0, 2.0, h, load)) for h in (0.004, 0.03, 0.2)] == [7, 5, 4]
     found = comparing.grids(None, 0.0, 2.0, 0.004, load)
@@ -186,12 +186,12 @@ def test_wrong_input_is_refused(loaded):
         plot.work_precision(loaded, against="work")
 
 
-def test_a_comparison_is_saved_and_read(loaded, tmp_path):
+def test_saved_and_read(loaded, tmp_path):
     nt.save_run(loaded, tmp_path / "comparison.nc")
     xarray.testing.assert_identical(nt.open_run(tmp_path / "comparison.nc"), loaded)
 
 
-def test_times_to_an_error_lie_on_the_line_of_the_logarithms(loaded):
+def test_times_to_an_error(loaded):
     """Of runs with errors of the orders 2 and 4, and times as 1/h: all cells, counted by hand."""
     h, none = np.array([4.0, 2, 1]), [np.nan] * 3
     values = {
@@ -226,7 +226,7 @@ def printed(what):
     return capture.get()
 
 
-def test_the_progress_is_the_share_of_runs(monkeypatch):
+def test_progress(monkeypatch):
     seen = list[float]()
     monkeypatch.setattr("nontwist.comparison.comparing.progress_bar", lambda *a: nullcontext(seen.append))
     body = NONTWISTING
@@ -278,7 +278,7 @@ def test_work_precision(loaded):
     assert axes.figure.get_figwidth() == pytest.approx(3.5)
 
 
-def test_steps_that_meet_the_kinks_of_a_table_have_their_orders_and_others_recommend_nothing():
+def test_kinks_and_orders():
     """A moment every 0.05 s, 17 kinks in the coarsest of equal steps; those that are left out meet them."""
     t = np.arange(0, 2.01, 0.05)
     moments = nt.body_moment(t, np.stack([np.sin(7 * t), np.cos(11 * t), np.sin(5 * t)], axis=1))
@@ -297,7 +297,7 @@ def test_steps_that_meet_the_kinks_of_a_table_have_their_orders_and_others_recom
     assert not any("*" in cell for column in summary(misses).columns for cell in column.cells)
 
 
-def test_a_step_that_meets_breakpoints_to_round_off_has_a_reference():
+def test_breakpoints_to_round_off():
     """0.3 and 3 × 0.1 are one time, and not the ends of a step of 5.6e-17 s."""
     times = np.arange(9) / 10
     load = nt.body_moment(times, np.outer(np.sin(times), [1, 2, 3]) * (times < 0.8)[:, None])
@@ -333,7 +333,7 @@ def test_loads_with_memory(load, others):
 
 
 @pytest.mark.parametrize(("seconds", "rounds"), [(0.02, 5), (0.06, 3), (0.2, 1), (0.4, 1)])
-def test_calls_that_take_long_in_all_are_repeated_less(seconds, rounds, monkeypatch):
+def test_long_calls_are_repeated_less(seconds, rounds, monkeypatch):
     """Of a clock that moves by what each of 40 calls takes: rounds begin as long as it is not past 5 s."""
     clock, calls = [0.0], []
 

@@ -27,7 +27,7 @@ def run(request):
     return simulate(BODIES[request.param](), **KICK)
 
 
-def test_every_variable_has_dims_units_name_and_symbol(run):
+def test_attributes_of_variables(run):
     for name, variable in run.data_vars.items():
         assert variable.dims == VARIABLES[name][0]
         assert all(variable.attrs[key] for key in ("units", "long_name", "symbol"))
@@ -41,7 +41,7 @@ def test_every_variable_has_dims_units_name_and_symbol(run):
     assert run.midtime.values == pytest.approx((run.time.values[1:] + run.time.values[:-1]) / 2)
 
 
-def test_what_an_integrator_cannot_give_is_absent():
+def test_absent_variables():
     lie = {**KICK, "integrator": "lie-midpoint"}
     run = simulate(BODIES["standard"](), **lie)
     missing = set(VARIABLES) - OTHERS - set(run.data_vars)
@@ -73,7 +73,7 @@ def test_observables_are_the_papers(run):
     assert float(run.kinetic_energy[0]) == pytest.approx(W @ body.convected_inertia @ W / 2)
 
 
-def test_a_trajectory_has_what_its_dataset_has_and_nothing_that_it_has_not():
+def test_trajectory_equals_dataset():
     how = KICK | {"load": rotor((1, 2, 0), [0.1, 0.3], [1.0, 2.5])}
     run, kinked = (integrate(BODIES["standard"](), **how | {"step": step}) for step in (0.01, None))
     assert json.loads(kinked.record()["stretches"])["borders"] == [0.0, 0.1, 0.3]
@@ -84,7 +84,7 @@ def test_a_trajectory_has_what_its_dataset_has_and_nothing_that_it_has_not():
     assert (plain.rotor_momentum, plain.t_events, plain.origin, plain.step) == (None, [], None, None)
 
 
-def test_rotation_and_quaternion_map_body_to_space(run):
+def test_rotation_and_quaternion(run):
     R = rotation(run)
     assert R.as_matrix() == pytest.approx(np.swapaxes(run.directors.values, 1, 2), abs=1e-13)
     assert R.apply([0, 0, 1]) == pytest.approx(run.directors.sel(director=3).values, abs=1e-13)
@@ -95,7 +95,7 @@ def test_rotation_and_quaternion_map_body_to_space(run):
     assert (np.sum(run.quaternion.values[1:] * run.quaternion.values[:-1], axis=1) > 0).all()
 
 
-def test_the_scalar_of_a_quaternion_is_where_its_coordinate_or_the_caller_says(run):
+def test_place_of_the_scalar(run):
     last, first = run.quaternion, run.quaternion.sel(quat=list("wxyz"))
     unlabelled = (first.drop_vars("quat"), True), (last.drop_vars("quat"), None)
     for motion, is_first in ((first, None), (first, False), *unlabelled):
@@ -113,7 +113,7 @@ def test_the_quaternion_does_not_jump():
     assert (rotation(run).as_quat()[:, 3] * p[:, 3] < 0).any()
 
 
-def test_the_record_is_enough_to_run_again(run, tmp_path):
+def test_record_runs_again(run, tmp_path):
     save_run(run, tmp_path / "run.nc")
     stored = open_run(tmp_path / "run.nc")
     xarray.testing.assert_identical(stored, run)
@@ -127,7 +127,7 @@ def test_the_record_is_enough_to_run_again(run, tmp_path):
     assert stored.attrs["status"] == 0
 
 
-def test_observed_order_is_the_logarithm_of_the_quotient():
+def test_observed_order():
     """At the nearest times, whatever their round-off."""
     how = {"t_end": 0.5, "angular_velocity": [1, 2, 3], "order": 2}
     runs = [simulate(BODIES["standard"](), step=0.01 / k, **how) for k in (1, 2, 4)]

@@ -38,7 +38,7 @@ CELLS = [
 
 
 @pytest.mark.parametrize(("name", "integrator", "order"), CELLS)
-def test_the_moment_of_the_constraint_has_the_order_of_the_scheme(name, integrator, order, truth):
+def test_order_of_the_constraint_moment(name, integrator, order, truth):
     errors, counts = [], (32, 64) if order == 2 else (8, 16)
     for n in counts:
         how = {"integrator": integrator, "order": order, "load": LOAD, "project": True}
@@ -48,7 +48,7 @@ def test_the_moment_of_the_constraint_has_the_order_of_the_scheme(name, integrat
 
 
 @pytest.mark.parametrize(("integrator", "order"), [("lie-midpoint", 2), ("energy-momentum", 2), ("gauss", 4)])
-def test_the_moment_of_the_constraint_on_a_gyrostat_is_along_its_axis(integrator, order):
+def test_constraint_moment_of_a_gyrostat(integrator, order):
     """The momentum of the body changes by the moments of rotors, which `moment` has, of gravity and constraint."""
     wheel, off = nt.rotor((1, 0, 0.5), (0, 1), (0.2, 0.8)), []
     for n in (128, 256):
@@ -59,14 +59,14 @@ def test_the_moment_of_the_constraint_on_a_gyrostat_is_along_its_axis(integrator
 
 
 @pytest.mark.parametrize("order", [2, 16])
-def test_twist_is_counted_beyond_half_a_turn(order):
+def test_twist_beyond_half_a_turn(order):
     """About its own axis a body turns steadily, and twists as far as it turns."""
     how = {"step": 1, "integrator": "gauss", "order": order, "angular_velocity": (0, 0, 0.8 * order / 2)}
     run = nt.simulate(STANDARD, t_end=6, **how)
     assert (run.mean_twist_rate * 1).values == pytest.approx(np.full(6, 0.8 * order / 2), rel=1e-14)
 
 
-def test_twist_of_a_tumbling_body_is_that_of_its_frame():
+def test_twist_of_tumbling():
     body, start = nt.heavy_top([3, 4, 1], 1, (0, 0, 0.2)), {"t_end": 4, "material_angular_velocity": (0.4, 0.2, 2)}
     fine = nt.simulate(body, step=1 / 512, integrator="gauss", order=8, **start)
     coarse = nt.simulate(body, step=0.5, integrator="gauss", order=12, **start)
@@ -76,7 +76,7 @@ def test_twist_of_a_tumbling_body_is_that_of_its_frame():
     assert other.mean_twist_rate.values.reshape(8, -1).mean(axis=1) == pytest.approx(expected, abs=1e-5)
 
 
-def test_twist_adds_up_over_asked_times_and_events():
+def test_twist_adds_up():
     body, start = nt.standard(J), {"material_angular_velocity": (0.4, 0.2, 2), "integrator": "gauss", "step": 0.1}
     plain = nt.integrate(body, t_end=2, **start)
     asked = nt.integrate(body, times=[0, 0.333, 1.7, 2], t_end=2, **start)
@@ -85,7 +85,7 @@ def test_twist_adds_up_over_asked_times_and_events():
     assert events.twist == pytest.approx(plain.twist, abs=1e-13)
 
 
-def test_a_held_body_does_not_twist_and_solutions_without_steps_do_not_count():
+def test_twist_of_held_bodies():
     for name in ("lie-midpoint", "energy-momentum", "gauss", "split"):
         run = nt.integrate(HEAVY, t_end=2, step=0.1, integrator=name, **SPIN)
         assert abs(run.twist).max() < 1e-15

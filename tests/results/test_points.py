@@ -20,7 +20,7 @@ PUSHED = {
 
 
 @pytest.mark.parametrize("name", ["heavy_top", "suslov"])
-def test_positions_are_those_of_scipy_and_velocities_their_derivative(name):
+def test_positions_by_scipy(name):
     """x = Λ X; x' by a central difference of order 4 of neighbouring states, which are closer than the steps."""
     t, e = 0.6, 1e-3
     times = [0.0, *(t + e * np.array([-2, -1, 0, 1, 2]))]
@@ -34,7 +34,7 @@ def test_positions_are_those_of_scipy_and_velocities_their_derivative(name):
     np.testing.assert_allclose(v, np.cross(run.angular_velocity.values[:, None], x), rtol=0, atol=1e-13)
 
 
-def test_energy_and_momentum_of_a_body_are_those_of_its_points():
+def test_energy_and_momentum():
     """K = Σ ½ m |x'|² and π = Σ m x × x' at every node, where the velocities are not tangent too (eq-director-K)."""
     masses, points = RNG.uniform(0.5, 2, 6), RNG.normal(size=(3, 3))
     points = np.concatenate([points, points * [-1, -1, 1]])  # E3 is principal
@@ -47,7 +47,7 @@ def test_energy_and_momentum_of_a_body_are_those_of_its_points():
     assert abs(v - np.cross(run.angular_velocity.values[:, None], x)).max() > 1e-3  # erratum 7, and no round-off
 
 
-def test_results_are_laid_out_as_runs_are():
+def test_layout():
     how = PUSHED | {"integrator": "lie-midpoint"}
     run, plain = nt.simulate(nt.standard(PAPER_J), **how), nt.integrate(nt.standard(PAPER_J), **how)
     many = nt.simulate_ensemble(

@@ -56,7 +56,7 @@ FORMS = {
 
 
 @pytest.mark.parametrize("form", FORMS)
-def test_what_is_saved_is_read_back(run, tmp_path, form):
+def test_saved_and_read(run, tmp_path, form):
     one = FORMS[form](run)
     save_run(one, tmp_path / "run.nc")
     found = open_run(tmp_path / "run.nc")
@@ -88,7 +88,7 @@ OTHERS = {
 
 
 @pytest.mark.parametrize("kind", OTHERS)
-def test_what_is_no_run_is_refused_with_the_reason(run, tmp_path, kind):
+def test_no_run(run, tmp_path, kind):
     path = tmp_path / "run.nc"
     OTHERS[kind](run, path)
     with says(ResultFileError) as info:
@@ -96,7 +96,7 @@ def test_what_is_no_run_is_refused_with_the_reason(run, tmp_path, kind):
     assert str(info.value).startswith(str(path))
 
 
-def test_what_has_no_seal_is_read_with_a_warning(run, path):
+def test_without_a_seal(run, path):
     with h5py.File(path, "r+") as file:  # HDF5 cuts the seal off
         file["kinetic_energy"][3] = 0.0
     with pytest.warns(UserWarning, match="unverified"):
@@ -129,7 +129,7 @@ OUTSIDE = {
 
 
 @pytest.mark.parametrize("make", OUTSIDE)
-def test_a_file_that_would_read_other_files_is_refused(path, tmp_path, make):
+def test_file_that_reads_others(path, tmp_path, make):
     other = tmp_path / "other.h5"
     with h5py.File(other, "w") as file:
         file["secret"] = np.arange(31.0)
@@ -144,7 +144,7 @@ def test_a_file_that_would_read_other_files_is_refused(path, tmp_path, make):
     assert str(caught.value) == f"{path} was not written by save_run: {OUTSIDE[make]}"
 
 
-def test_a_file_that_says_it_holds_more_than_it_does_or_makes_its_reader_stumble_is_refused(path):
+def test_deceiving_file(path):
     path.write_bytes(path.read_bytes()[:-LENGTH])
     with h5netcdf.File(path, "r+") as file:
         file.dimensions["many"] = 10**12
@@ -159,7 +159,7 @@ def test_a_file_that_says_it_holds_more_than_it_does_or_makes_its_reader_stumble
         open_run(path)
 
 
-def test_nothing_in_a_file_is_executed(run, tmp_path):
+def test_nothing_is_executed(run, tmp_path):
     """Strings come back as strings, and no object survives."""
     hostile = "__import__('os').system('true')"
     save_run(run.assign_attrs(run_file=hostile, load=json.dumps([{"function": hostile}])), tmp_path / "a.nc")
@@ -171,7 +171,7 @@ def test_nothing_in_a_file_is_executed(run, tmp_path):
     assert [file.name for file in tmp_path.iterdir()] == ["a.nc"]
 
 
-def test_what_cannot_be_written_is_said(run, tmp_path):
+def test_unwritable(run, tmp_path):
     path = tmp_path / "run.CSV"
     export = f"{path}: save_run writes NetCDF, NAME.nc; nontwist export NAME.nc --out {path} writes that"
     file = "is not a file that could be replaced; choose another name"
@@ -188,7 +188,7 @@ def test_what_cannot_be_written_is_said(run, tmp_path):
         open_run(tmp_path / "none.nc")
 
 
-def test_a_link_keeps_pointing_at_the_file(run, tmp_path):
+def test_link_still_points(run, tmp_path):
     link, true = tmp_path / "run.nc", tmp_path / "true.nc"
     link.symlink_to(true)
     save_run(run, link)
@@ -196,7 +196,7 @@ def test_a_link_keeps_pointing_at_the_file(run, tmp_path):
     assert open_run(true).identical(open_run(link))
 
 
-def test_a_reserved_output_is_refused_to_others(run, tmp_path):
+def test_reserved_output(run, tmp_path):
     path = tmp_path / "run.nc"
     with reserved(path) as write:
         with pytest.raises(BlockingIOError, match=r"another process is writing .*run\.nc; wait for it, or choose"):
@@ -209,7 +209,7 @@ def test_a_reserved_output_is_refused_to_others(run, tmp_path):
     assert [file.name for file in tmp_path.iterdir()] == ["run.nc"]
 
 
-def test_what_a_killed_process_left_is_taken_over(run, tmp_path):
+def test_left_by_a_killed_process(run, tmp_path):
     for name in (".run.nc.part", ".run.nc.lock"):
         (tmp_path / name).write_bytes(b"half a file")
     save_run(run, tmp_path / "run.nc")

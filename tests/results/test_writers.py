@@ -59,7 +59,7 @@ PYTHON = {"save_run", "plot.save", "View.save", "Table.write", "save_film"}
 
 
 @pytest.mark.parametrize("name", sorted(WRITERS.keys() - PYTHON - {"reproduce"}))
-def test_a_command_says_what_it_has_written(name, folder, request):
+def test_commands_say_what_they_wrote(name, folder, request):
     if "png" not in name:  # whose frames are put together
         request.getfixturevalue("undrawn")
     write, files = WRITERS[name]
@@ -104,7 +104,7 @@ def test_refusals_come_before_the_work(folder, monkeypatch):
         (folder / files[-1]).unlink()
 
 
-def test_a_store_that_cannot_be_made_leaves_nothing(folder, monkeypatch):
+def test_impossible_store(folder, monkeypatch):
     def full(path):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
@@ -121,7 +121,7 @@ def is_output(annotation):
     return any(isinstance(one, OptionInfo) for one in more) and Path in (kind, *get_args(kind))
 
 
-def test_every_command_that_writes_asks_and_is_tried():
+def test_commands_ask_before_replacing():
     """A new command with an option that names a file cannot be forgotten; sweep completes the store of its file."""
     options = {one.name: get_type_hints(one.callback, include_extras=True) for one in app.registered_commands}
     writing = {name for name, hints in options.items() if any(is_output(hint) for hint in hints.values())}
@@ -130,7 +130,7 @@ def test_every_command_that_writes_asks_and_is_tried():
     assert asking == {name.split()[0] for name in WRITERS if name not in PYTHON}
 
 
-def test_a_figure_of_several_files_is_refused_as_a_whole(tmp_path):
+def test_figure_of_several_files(tmp_path):
     figure, there = matplotlib.figure.Figure(), tmp_path / "a.png"
     there.write_text("mine", encoding="utf-8")
     with pytest.raises(FileExistsError):

@@ -48,7 +48,7 @@ AUTOMATIC = (
         'integrator.name = "lie-midpoint"',
     ],
 )
-def test_check_forecasts_the_steps_and_about_the_states_of_the_run(write, more):
+def test_check_forecasts_steps_and_states(write, more):
     file = read_run_file(write(AUTOMATIC + more))
     expected, run = forecast(file), file.prepared.run()
     assert run.stretches.steps == expected.steps
@@ -69,7 +69,7 @@ def problem(system, load, steps=10, span=1.0, W=(1.0, 0.0, 0.0)):
 # exact
 
 
-def test_a_sine_of_1e8_hz_is_refused_before_it_is_sampled(here, write, monkeypatch):
+def test_sine_of_1e8_hz(here, write, monkeypatch):
     """With warnings as errors, a forecast would come in the place of the refusal."""
     monkeypatch.setattr(exact_solution, "free_members", None)
     load = nt.sine([1, 0, 0], 1e8)
@@ -84,7 +84,7 @@ def test_a_sine_of_1e8_hz_is_refused_before_it_is_sampled(here, write, monkeypat
         nt.exact.loaded_momentum([3, 4, 5], [1, 0, 0], load, [1.0])
 
 
-def test_what_is_not_smooth_is_refused_when_a_million_pieces_are_made(monkeypatch):
+def test_million_pieces(monkeypatch):
     monkeypatch.setattr(nontwisting_body, "MOST", 100)
     load = nt.body_moment(lambda t: (np.sin(1e9 * t * t), 0, 0))
     with says():
@@ -93,7 +93,7 @@ def test_what_is_not_smooth_is_refused_when_a_million_pieces_are_made(monkeypatc
         assert (nontwisting_body.too_many(nt.sine([1, 0, 0], 80), np.linspace(2, 3, count)) is None) == (count == 301)
 
 
-def test_where_the_glance_sees_no_load_the_march_still_does():
+def test_load_that_sampling_misses():
     t = np.append(np.linspace(0, 1, 50_001), [2])
     values = np.zeros((50_002, 3))
     values[25_017] = 3e5, 0, 0
@@ -109,7 +109,7 @@ def test_where_the_glance_sees_no_load_the_march_still_does():
 RUBBED = [[nt.wheel(axis, 0.1, 9, coulomb=c) for axis in axes] for axes, c in (("x", 0.0), ("x", 0.1), ("xyz", 0.1))]
 
 
-def test_the_cost_counts_substeps_nodes_and_pieces():
+def test_cost_counts_substeps():
     free, pushed = problem(FREE, 0 * nt.pulse([1, 0, 0])), problem(FREE, nt.sine([1, 0, 0], 5), 1000)
     split, closed = INTEGRATORS["split"](), INTEGRATORS["exact"]()
     assert split.cost(pushed, 2).parts == 1000
@@ -121,7 +121,7 @@ def test_the_cost_counts_substeps_nodes_and_pieces():
     assert rubbed[2] > 2 * rubbed[1]
 
 
-def test_forecasts_count_the_calls_of_functions_in_python():
+def test_calls_are_forecast():
     def slow(t, directors, w):
         sleep(1e-3)
         return -0.1 * w
@@ -130,7 +130,7 @@ def test_forecasts_count_the_calls_of_functions_in_python():
     assert at.seconds > 0.1 * at.steps  # four stages or more, each called often
 
 
-def test_a_call_that_waits_is_not_the_cost():
+def test_call_that_waits():
     """Of calls that take 30, 20, 10 and 0 ms: a busy machine lets some wait."""
     delays = iter([0.03, 0.02, 0.01] + [0.0] * 10)
     load = nt.moment(lambda t, directors, w: (sleep(next(delays)), -w)[1])
@@ -141,7 +141,7 @@ def test_a_call_that_waits_is_not_the_cost():
     assert len(asked) == 2
 
 
-def test_seven_outputs_of_a_function_in_python_take_fewer_calls_than_figures():
+def test_seven_outputs_take_fewer_calls():
     calls, counts, ends = 0, [], []
 
     def drag(t, directors, w):
@@ -158,7 +158,7 @@ def test_seven_outputs_of_a_function_in_python_take_fewer_calls_than_figures():
     np.testing.assert_allclose(*ends, atol=1e-8)
 
 
-def test_members_side_by_side_take_less_than_one_after_the_other():
+def test_members_in_lanes_are_cheaper():
     """Loads in Python are called for each, whatever the threads."""
     gauss, drawn = INTEGRATORS["gauss"](), problem(FREE, nt.moment(lambda t, d, w: -w))
     for one, is_less in ((problem(FREE, nt.pulse([1, 0, 0])), True), (drawn, False)):
@@ -186,7 +186,7 @@ FIVE, DRAWN = 'kind = "grid", start = 1, end = 2, count = 5', 'kind = "uniform",
         (WHEEL, {"load.0.torque": FIVE, "load.0.speed": FIVE, "body.inertia.0": DRAWN}, "together", 5),
     ],
 )
-def test_a_sweep_is_forecast_by_the_ensembles_that_it_runs(loads, over, combine, count, write, monkeypatch):
+def test_forecast_of_a_sweep(loads, over, combine, count, write, monkeypatch):
     """Each takes some ms beside its members; one with wheels, which is by itself, what a run takes."""
     rows = ", ".join(f'{{ key = "{key}", {how} }}' for key, how in over.items())
     file = read_run_file(write(f'{BODY}{loads}[sweep]\nsamples = 4\ncombine = "{combine}"\nover = [{rows}]\n'))
@@ -200,7 +200,7 @@ def test_a_sweep_is_forecast_by_the_ensembles_that_it_runs(loads, over, combine,
     assert forecast(file).sweep_seconds > least
 
 
-def test_compiled_schemes_differ_little_in_the_cost_of_a_substep():
+def test_substeps_cost_about_the_same():
     """Those with more to solve take longer."""
     free, held = (problem(body, nt.space_moment([0, 1], np.eye(3)[:2])) for body in (STANDARD, FREE))
     seconds = [
@@ -212,7 +212,7 @@ def test_compiled_schemes_differ_little_in_the_cost_of_a_substep():
     assert seconds[1] < INTEGRATORS["gauss"]().cost(free, 2).seconds / 4 < seconds[3]
 
 
-def test_long_or_large_runs_are_announced():
+def test_long_runs_are_announced():
     assert notices.notice(Cost(10, "steps", 10.0, 10**9)) is None
     said(notices.notice(Cost(12_800_000, "steps", 3700.0, 10**6)))
     said(notices.notice(Cost(10, "members", 1.0, 2 * 10**9), "sweep", "on the disk"))
@@ -223,7 +223,7 @@ def slow(monkeypatch):
     monkeypatch.setattr(notices, "LONG", 1e-9)
 
 
-def test_what_takes_long_warns_where_it_was_called(slow, here, write):
+def test_warning_names_the_caller(slow, here, write):
     body = nt.nontwisting([3, 4, 5.25])  # of no other test: a run of which nothing was to say is not looked at again
     with pytest.warns(UserWarning, match=r"^the run will take about .* and 8\.8 kB of memory, for 10 steps$") as seen:
         nt.simulate(body, t_end=1, step=0.1)
@@ -242,7 +242,7 @@ def test_what_takes_long_warns_where_it_was_called(slow, here, write):
     assert "3 members over body.inertia.0, about 4 ms on one core" in result.stdout
 
 
-def test_pieces_that_do_not_fit_into_memory_are_refused_with_the_number_that_does(write, monkeypatch):
+def test_pieces_beyond_memory(write, monkeypatch):
     monkeypatch.setattr(grid, "free_memory", lambda: 10_000_000)
     monkeypatch.setattr(grid, "SMALL", 0)
     with says():
@@ -255,7 +255,7 @@ def test_pieces_that_do_not_fit_into_memory_are_refused_with_the_number_that_doe
 # what check may take: counted, not timed
 
 
-def test_of_2000_unknown_keys_a_hundred_are_compared(write, monkeypatch):
+def test_many_unknown_keys(write, monkeypatch):
     asked, near = [], difflib.get_close_matches
     monkeypatch.setattr("difflib.get_close_matches", lambda *a: asked.append(a) or near(*a))
     found = told(write(BODY + "".join(f"step_{i} = 1\n" for i in range(2_000))))
@@ -265,7 +265,7 @@ def test_of_2000_unknown_keys_a_hundred_are_compared(write, monkeypatch):
     assert len(asked) <= 100
 
 
-def test_what_is_limited_names_the_limit(write):
+def test_limits_are_named(write):
     for text in (
         SWEPT.replace("3 }", "100_000_000_000 }"),
         SWEPT.replace("[{", "[" + 101 * "{ x = 1 }, " + "{"),
@@ -289,7 +289,7 @@ def test_the_nearest_step_is_sieved(monkeypatch):
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no FIFOs here")
-def test_a_fifo_is_refused_in_words(here, write):
+def test_fifo(here, write):
     words = "it is a FIFO, not a regular file; copy its content into a file"
     for name in ("pipe", "result.nc"):
         os.mkfifo(name)
@@ -320,7 +320,7 @@ SOLVED = [("a needle", "BDF"), ("gravity", "LSODA"), ("a sine", "RK45"), ("dampi
 
 
 @pytest.mark.parametrize(("case", "method"), [*(("free", one) for one in continuous.METHODS), *SOLVED])
-def test_the_steps_of_the_solver_are_about_those_forecast(case, method, monkeypatch):
+def test_steps_of_the_solver(case, method, monkeypatch):
     body, how, end = STEPPED[case]
     taken, expected = [], []
     solver, forecast = continuous.solver_of(method), continuous.expected_steps
@@ -333,7 +333,7 @@ def test_the_steps_of_the_solver_are_about_those_forecast(case, method, monkeypa
 
 
 @pytest.mark.parametrize(("every", "after"), [(1000, 601), (100, 100)])
-def test_continuous_says_what_it_may_take_and_takes_no_more(every, after, slow, monkeypatch):
+def test_limit_of_continuous(every, after, slow, monkeypatch):
     """Where it is not hopeless from the beginning: that may be fast and soon be over."""
     for name, number in (("MOST", 600), ("CHECK_EVERY", every), ("PATIENCE", every)):
         monkeypatch.setattr(continuous, name, number)

@@ -55,14 +55,14 @@ test_refused_with_the_value = refused_as(
 
 
 @pytest.mark.parametrize("span", [1 / 3, 7e50])
-def test_the_step_that_would_do_does(span):
+def test_usable_step(span):
     with pytest.raises(ValueError, match="is too short") as info:
         count_steps(span, 1e-13 * span)
     assert count_steps(span, float(str(info.value).split()[-2])) == 10**11
 
 
 @pytest.mark.parametrize(("store", "ends"), [(4, [0, 4, 8, 10]), ("end", [0, 10])])
-def test_time_grid_and_intervals_of_means_sums_and_maxima(store, ends):
+def test_grid_and_intervals(store, ends):
     load = nt.pulse([3, -1, 2], 0.01, 0.09) + nt.space_moment([0, 0.1], [[1, 0, 0], [0, 0, 0]])
     full, some = paper(load=load), paper(load=load, store=store)
     assert np.array_equal(full.time, 0.1 * np.arange(11) / 10)
@@ -99,7 +99,7 @@ MANY = Rotation.from_rotvec([[0.0, 0, 0.1], [0, 0, 0.2]])
 
 
 @pytest.mark.parametrize("several", [MANY, MANY.as_matrix(), MANY.as_quat().tolist()])
-def test_several_attitudes_are_refused_where_one_is_meant(several):
+def test_several_attitudes(several):
     """But for `start=`, which takes a motion."""
     body, how = nt.standard([3, 4, 5]), {"t_end": 1, "rotation": several, "scalar_first": False}
     for call in (
@@ -128,7 +128,7 @@ def test_project_removes_the_spin_only():
 
 
 @pytest.mark.parametrize("size", [1.0, 1e-90])
-def test_of_a_velocity_along_the_constrained_axis_nothing_is_left(size):
+def test_velocity_along_constrained_axis(size):
     body = nt.suslov([2, 2, 2], [1, 1, 0])
     how = {"t_end": 1 / size, "step": 0.5 / size, "integrator": "lie-midpoint", "project": True}
     along, across = (
@@ -139,7 +139,7 @@ def test_of_a_velocity_along_the_constrained_axis_nothing_is_left(size):
     assert across[:, :2].all()
 
 
-def test_partial_holds_the_states_before_the_failure():
+def test_partial_states():
     def fails(t, d, w):
         return [0, 0, 1 / int(t < 0.5)]
 
@@ -152,20 +152,20 @@ def test_partial_holds_the_states_before_the_failure():
         assert error.partial.to_dataset().attrs["message"] == str(error) == str(info.value)
 
 
-def test_an_input_error_reaches_another_process():
+def test_input_error_is_pickled():
     error = InputError("type", "run.toml", name=Option("rate"), words="a number", value="'x'")
     again = pickle.loads(pickle.dumps(error))
     assert (again.code, again.within, again.fields, again.args) == (error.code, error.within, error.fields, error.args)
 
 
-def test_automatic_steps_are_shortened_by_the_speed_that_is_reached():
+def test_steps_follow_reached_speed():
     """By 2 % more than it takes: of 100 steps at first the last is too far to be taken."""
     load = nt.moment(lambda t, d, w: (0.0, 0.0, 5 * 390.1), compiled=True)
     run = nt.integrate(STANDARD, t_end=1, load=load, integrator="lie-midpoint")
     assert len(run.time) - 1 == np.ceil(1.02 * 390.1 / 0.05)
 
 
-def test_automatic_step_resolves_the_load_and_holds_its_breakpoints():
+def test_steps_follow_the_load():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         run = nt.simulate(nt.standard([1, 1, 1]), t_end=1, load=nt.pulse([1, 0, 0], 0.1, 0.12))
@@ -175,14 +175,14 @@ def test_automatic_step_resolves_the_load_and_holds_its_breakpoints():
     assert float(run.spatial_momentum[-1, 0]) == pytest.approx(0.01, rel=1e-4)
 
 
-def test_breakpoints_off_the_grid_and_tables_that_end_early_warn_once():
+def test_breakpoints_warn_once():
     for load in (nt.pulse([1, 0, 0], 0, 0.05), nt.body_moment([0, 0.05], [[1, 0, 0], [1, 0, 0]])):
         with says(UserWarning) as seen:
             paper(load=load)
         assert [one.filename for one in seen] == [__file__]
 
 
-def test_a_run_that_does_not_fit_into_memory_is_refused_with_a_store_that_fits(monkeypatch):
+def test_run_beyond_memory(monkeypatch):
     monkeypatch.setattr("nontwist.driver.grid.free_memory", lambda: 1_000_000)
     monkeypatch.setattr("nontwist.driver.grid.SMALL", 0)
     with says():
@@ -201,7 +201,7 @@ def test_gauss_is_the_default():
         assert json.loads(run.attrs["integrator"]) == {"name": "gauss", "order": 8}
 
 
-def test_code_without_a_module_name_is_warned_as_well():
+def test_code_without_module_name():
     """As functions of a script that IPython's %run has left behind."""
     exec("def go(simulate, *a, **k):\n    return simulate(*a, **k)", nameless := {})
     load = nt.moment(lambda t, d, w: -0.1 * w)
@@ -210,7 +210,7 @@ def test_code_without_a_module_name_is_warned_as_well():
 
 
 @pytest.mark.parametrize("integrator", ["energy-momentum", "lie-midpoint"])
-def test_a_turn_of_which_no_digit_is_left_is_refused_at_once(integrator):
+def test_turn_without_a_digit(integrator):
     """The equations of a step have a root at which the velocity reverses; here it is below the last digit of W."""
     attitude = Rotation.from_rotvec([1, 2, 2.5])
     load = nt.sine([-1.56e75, -2.6e37, 0], 1.0, frame="space")

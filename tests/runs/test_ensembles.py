@@ -58,7 +58,7 @@ def one(bodies, arguments, i, **how):
     return nt.integrate(bodies[i], **own, load=None if load is None else arguments["load_scale"][i] * load, **how)
 
 
-def test_free_bodies_keep_energy_and_momentum():
+def test_free_bodies_keep_invariants():
     bodies, arguments = problem("standard")
     many = nt.simulate_ensemble(bodies, **arguments, t_end=1, step=0.01, order=4, reduce=["drift", "extrema"])
     assert (many.energy_drift / many.kinetic_energy_max).max() <= 1e-12
@@ -89,7 +89,7 @@ def test_other_members_change_no_bit(scheme, monkeypatch):
         same_bits(nt.simulate_ensemble(nt.DirectorSystem.stack(MIXED), **arguments, **how, threads=threads), whole)
 
 
-def test_a_member_that_fails_does_not_stop_the_others():
+def test_failing_member_stops_no_other():
     """One turns too far at once, one in the middle of the run; message and time are those of `simulate`."""
     W, scale = np.tile([1.0, -2, 0.5], (20, 1)), np.ones(20)
     W[4], scale[11] = 1e3 * W[4], 2e3
@@ -113,7 +113,7 @@ def test_a_member_that_fails_does_not_stop_the_others():
     same_bits(alone, many.drop_vars(["message", "load_scale"]).isel(member=[5]).assign_coords(member=[0]))
 
 
-def test_a_load_that_ends_ends_all(monkeypatch):
+def test_load_ends_all(monkeypatch):
     load = nt.space_moment(lambda t: (1, 0, 0) if t < 0.5 else (np.nan, 0, 0))
     how = {"t_end": 1, "step": 0.01, "order": 2, "material_angular_velocity": [[1, 2, 3], [1, 0, 0]], "load": load}
     with pytest.raises(ValueError, match=r"is not finite at t = 0\.505 s"):
@@ -155,7 +155,7 @@ test_refused_with_the_value = pytest.mark.filterwarnings("ignore:the load")(
 )
 
 
-def test_stacks_say_which_body_is_wrong():
+def test_wrong_body_is_named():
     E, bodies = np.tile(np.diag([1.0, 2, 3]), (4, 1, 1)), [RANDOM["suslov"](RNG) for _ in range(3)]
     E[2, 0, 0] = -0.5
     for call in (
@@ -174,7 +174,7 @@ def test_stacks_say_which_body_is_wrong():
 @pytest.mark.parametrize(
     ("name", "integrator"), [("suslov", "lie-midpoint"), ("top", "energy-momentum"), ("nontwisting", "split")]
 )
-def test_statistics_are_those_of_the_full_run(name, integrator):
+def test_statistics_of_the_full_run(name, integrator):
     """Also where nothing acts any more, and nothing is integrated."""
     bodies, arguments = problem(name, "sum" if name == "suslov" else "body", 5)
     if name == "nontwisting":
@@ -214,7 +214,7 @@ def test_the_drift_is_seen():
 
 
 @pytest.mark.parametrize("order", [2, 6])
-def test_integrals_have_the_order_of_the_integrator(order):
+def test_order_of_integrals(order):
     how = {"t_end": 2, "material_angular_velocity": [1, -2, 3], "order": order, "reduce": ["averages", "total_twist"]}
     runs = [nt.simulate_ensemble(BODIES["heavy_top"](), step=2 / N, **how) for N in (25, 50)]
     fine = nt.simulate_ensemble(BODIES["heavy_top"](), step=0.004, **{**how, "order": 8})
@@ -223,7 +223,7 @@ def test_integrals_have_the_order_of_the_integrator(order):
         assert np.log2(errors[0] / errors[1]) == pytest.approx(order, abs=0.35), name
 
 
-def test_statistics_one_by_one_are_those_of_lanes():
+def test_statistics_of_lanes():
     """A load of the state sends the members through `integrate`; the numbers stay."""
     load, more = nt.body_moment(lambda t: (np.sin(3 * t), 1, 0.3)), nt.moment(lambda t, d, w: 0 * w)
     bodies, arguments = problem("nontwisting", m=2)
@@ -255,7 +255,7 @@ def test_closed_forms(name):
     assert np.sum(before * after, axis=2).min() > 0.8  # no jump of sign
 
 
-def test_closed_form_of_a_loaded_body():
+def test_closed_form():
     """One by one: the turn about a fixed axis, of each member by its own impulse."""
     load, scale = nt.body_moment([0, 1, 2], [[0, 0, 0], [1, 2, 0], [0, 0, 0]]), np.array([-1, 0.5, 2])
     how = {"t_end": 3.0, "load": load, "load_scale": scale, "integrator": "exact"}
@@ -265,7 +265,7 @@ def test_closed_form_of_a_loaded_body():
     assert (R * Rotation.from_rotvec(2 * impulse).inv()).magnitude() == pytest.approx(0, abs=1e-13)
 
 
-def test_continuing_an_ensemble_and_a_run():
+def test_continuing():
     """The director scheme carries its director velocities on."""
     bodies, arguments = problem("suslov", "space", 3)
     stack, load = nt.DirectorSystem.stack(bodies), {key: arguments[key] for key in ("load", "load_scale")}
@@ -315,7 +315,7 @@ def test_progress_reaches_the_end(capsys, monkeypatch):
         assert seen == pytest.approx(np.arange(1, count + 1) / count)
 
 
-def test_a_run_of_another_inertia_is_continued_with_a_warning():
+def test_continued_with_another_inertia():
     """The momentum jumps; that of the same inertia, held or released, goes on without a word."""
     J, how = np.array([2.0, 4, 5]), {"step": 0.1, "material_angular_velocity": (1, 0, 0)}
     many = nt.simulate_ensemble
@@ -331,7 +331,7 @@ def test_a_run_of_another_inertia_is_continued_with_a_warning():
 @pytest.mark.parametrize(
     ("how", "times"), [({"step": 0.05, "integrator": "lie-midpoint"}, 3.1), ({"step": 0.05}, 4.6), ({}, 8.1)], ids=str
 )
-def test_an_ensemble_keeps_what_it_returns_alone(how, times):
+def test_memory_of_results(how, times):
     """Beside it there are what members carry from step to step, and those of several runs to a tolerance."""
     how = {"t_end": 0.1, "threads": 1} | how
     W = np.random.default_rng(0).normal(size=(10_000, 3))
@@ -346,7 +346,7 @@ def test_an_ensemble_keeps_what_it_returns_alone(how, times):
     assert most < times * many.nbytes
 
 
-def test_velocities_are_read_by_their_labels():
+def test_labelled_velocities():
     W = np.arange(9.0).reshape(3, 3)
     labelled = xarray.DataArray(W.T[::-1], dims=("director", "member"), coords={"director": [3, 2, 1]})
     many = nt.simulate_ensemble(STANDARD, t_end=1, step=0.1, material_angular_velocity=labelled)

@@ -41,7 +41,7 @@ def lifted(t, state):
 
 
 @pytest.mark.parametrize("integrator", ["exact", "split", "gauss"])
-def test_a_steady_turn_has_events_where_it_should(integrator):
+def test_events_of_a_steady_turn(integrator):
     """The axis d3 is for 0.2 s within 0.2 rad of -e3: both ends of that lie within one step of 1.2 s."""
     how = {"t_end": 14.4, "step": 1.2 if integrator == "gauss" else None, "integrator": integrator, **TURNING}
     first, second = nt.integrate(NONTWISTING, events=[level, lifted], **how).t_events
@@ -51,7 +51,7 @@ def test_a_steady_turn_has_events_where_it_should(integrator):
     assert second == pytest.approx(ends, abs=close)
 
 
-def test_events_of_a_top_are_those_of_scipy():
+def test_events_by_scipy():
     def faster(t, y):
         return y[6] - 6.2
 
@@ -66,7 +66,7 @@ def test_events_of_a_top_are_those_of_scipy():
 
 
 @pytest.mark.parametrize("integrator", ["gauss", "lie-midpoint"])
-def test_two_crossings_between_two_times_are_found(integrator):
+def test_two_crossings_between_times(integrator):
     """Of a body at rest functions are evaluated at nodes: at 0.5 and 1 s these are positive."""
     events = [lambda t, state, middle=t: (state.time - middle) ** 2 - 1e-4 for t in (0.52, 0.751)]
     run = nt.integrate(BODY, t_end=2, step=0.5, integrator=integrator, events=events)
@@ -74,7 +74,7 @@ def test_two_crossings_between_two_times_are_found(integrator):
 
 
 @pytest.mark.parametrize(("value", "integrator"), [(1e-3, "continuous"), (1e-7, "gauss")])
-def test_a_pendulum_is_slow_around_each_turning(value, integrator):
+def test_slow_turning_of_a_pendulum(value, integrator):
     """At the turnings, every half a period 4 K(sin θ/2)/ω, it accelerates by ω² sin θ."""
     omega, angle = np.sqrt(9.81 / 1.01), np.radians(10)
     how = {"t_end": 10, "rotation": nt.rotations.exp((angle, 0, 0)), "events": nt.spin_below(value)}
@@ -83,7 +83,7 @@ def test_a_pendulum_is_slow_around_each_turning(value, integrator):
     assert found == pytest.approx(turnings - value / (omega**2 * np.sin(angle)), abs=3e-9)
 
 
-def test_functions_that_cross_zero_between_the_same_times_have_roots_of_their_own():
+def test_several_functions_cross():
     """The polynomial through the values of one with a kink there has another, so Brent's method is taken."""
 
     def shifted(t, state):
@@ -100,7 +100,7 @@ def test_functions_that_cross_zero_between_the_same_times_have_roots_of_their_ow
     assert len(first) == len(second) == 5
 
 
-def test_the_state_of_an_event_is_that_of_the_run_at_its_time():
+def test_state_of_an_event():
     how = {"t_end": 3, "step": 0.5, "integrator": "gauss", "material_angular_velocity": (1, 2, 0.5)}
     run = nt.simulate(BODY, events=level, **how)
     same = nt.simulate(BODY, times=run.t_events.values, **how)
@@ -126,7 +126,7 @@ def test_direction_and_names():
 
 
 @pytest.mark.parametrize(("name", "terminal", "k"), [("gauss", 3, 2), ("exact", True, 0)])
-def test_a_terminal_event_ends_the_run(name, terminal, k):
+def test_terminal_event(name, terminal, k):
     event, how = with_attributes(level, terminal=terminal), {"step": 0.5} if name == "gauss" else {}
     run = nt.simulate(NONTWISTING, t_end=50, integrator=name, events=event, **how, **TURNING)
     assert run.time.values[-1] == run.t_events.values[-1] == pytest.approx((k + 0.5) * np.pi / 2, abs=1e-11)
@@ -136,7 +136,7 @@ def test_a_terminal_event_ends_the_run(name, terminal, k):
     assert (np.diff(run.time) > 0).all()
 
 
-def test_means_up_to_the_end_balance():
+def test_means_balance():
     load, event = nt.damping(0.3), with_attributes(lambda t, s: s.material_angular_velocity[1] - 1.2, terminal=True)
     run = nt.simulate(BODY, t_end=60, step=0.3, load=load, integrator="gauss", events=event, store=3, **TURNING)
     gained, lengths = np.diff(run.spatial_momentum.values, axis=0), np.diff(run.time.values)
@@ -145,7 +145,7 @@ def test_means_up_to_the_end_balance():
     assert run.t_events.values == pytest.approx([np.log(2 / 1.2) * 4 / 0.3], abs=1e-9)
 
 
-def test_an_event_before_a_failure_ends_the_run_in_good_order():
+def test_event_before_a_failure():
     load = nt.moment(lambda t, d, w: np.array([0.0, 0.0, np.where(t > 1.0, np.nan, 0.0)]), compiled=True)
     how = {"t_end": 2, "step": 0.1, "load": load, "integrator": "gauss", **TURNING}
     run = nt.simulate(BODY, events=with_attributes(level, terminal=True), **how)
@@ -155,7 +155,7 @@ def test_an_event_before_a_failure_ends_the_run_in_good_order():
     assert len(info.value.partial.t_events[0]) == 1
 
 
-def test_a_run_that_is_stopped_in_an_event_function_keeps_what_is_done():
+def test_stop_in_an_event_function():
     def stopping(t, state):
         if t > 1.5:
             raise KeyboardInterrupt
@@ -171,7 +171,7 @@ def test_a_run_that_is_stopped_in_an_event_function_keeps_what_is_done():
     assert rest.time.values[0] == part.time[-1]
 
 
-def test_zeros_at_the_start_and_at_nodes():
+def test_zeros_at_nodes():
     """They count in the direction from which they are reached."""
 
     def at_start(t, state):
@@ -266,7 +266,7 @@ value = 1
 CAMERA = "t,frame\n0,1\n0.25,2\n1.5,3\n4,4\n"
 
 
-def test_run_files_have_output_times_and_events(here, write):
+def test_run_files(here, write):
     write(CAMERA, "camera.csv")
     write(FILE)
     file = read_run_file("run.toml")
@@ -282,7 +282,7 @@ def test_run_files_have_output_times_and_events(here, write):
 
 
 @pytest.mark.parametrize(("every", "times"), [(2, [0, 2, 4, 5]), (0.1, np.linspace(0, 5, 51)), (7, [0, 5])])
-def test_output_times_are_every_so_many_seconds_and_the_end(every, times, write):
+def test_output_times(every, times, write):
     text = FILE[: FILE.index("[[event]]")].replace('{ file = "camera.csv", column = "t" }', f"{{ every = {every} }}")
     run = nt.simulate(read_run_file(write(text)).problem)
     assert run.time.values == pytest.approx(times, rel=1e-14)
@@ -302,7 +302,7 @@ def test_wrong_tables_are_named(write):
             read_run_file(write(FILE.replace(old, new)))
 
 
-def test_a_spin_about_an_oblique_axis_falls_below_a_value():
+def test_oblique_spin_below():
     axis, how = np.array([0.6, -0.48, 0.64]), {"t_end": 12, "material_angular_velocity": (0.5, -2.0, 1.0)}
     slower = with_attributes(lambda t, state: abs(axis @ state.material_angular_velocity) - 1.2, direction=-1)
     first, second = nt.integrate(BODY, events=[nt.spin_below(1.2, axis), slower], **how).t_events

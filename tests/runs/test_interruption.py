@@ -47,7 +47,7 @@ def interrupted_in(monkeypatch):
 
 
 @pytest.mark.parametrize(("name", "store"), [("lie-midpoint", 1), ("energy-momentum", 7), ("split", "end")])
-def test_the_part_done_is_that_of_the_whole_run(interrupted_in, monkeypatch, name, store):
+def test_part_of_the_whole_run(interrupted_in, monkeypatch, name, store):
     body = BODIES["nontwisting"]()
     scheme = {"step": STEP, "load": LOAD, "integrator": name, "order": 2}
     whole = integrate(body, **HOW | scheme)
@@ -79,7 +79,7 @@ def test_the_part_done_is_that_of_the_whole_run(interrupted_in, monkeypatch, nam
     ("body", "more", "store", "steps"),
     [("standard", [], 1, 36), ("standard", [pulse([1, 2, 0], 0.75, 1.0)], "end", 40)],
 )
-def test_an_interrupt_of_the_exact_motion_without_moments(interrupted_in, monkeypatch, body, more, store, steps):
+def test_exact_motion_without_moments(interrupted_in, monkeypatch, body, more, store, steps):
     """After the load it pauses after so many stored states, 20 here; between loads as it does everywhere."""
     scheme = {"t_end": 1.0, "step": STEP, "load": sum(more, FIRST), "integrator": "split", "order": 2}
     whole = integrate(BODIES[body](), **HOW | scheme)
@@ -93,7 +93,7 @@ def test_an_interrupt_of_the_exact_motion_without_moments(interrupted_in, monkey
     assert rest.directors[-1] == pytest.approx(whole.directors[-1], abs=1e-14)
 
 
-def test_outputs_between_steps_end_with_the_last_step_that_was_taken(interrupted_in, monkeypatch):
+def test_outputs_end_with_last_step(interrupted_in, monkeypatch):
     times, scheme = np.linspace(0, 1, 70), {"step": STEP, "load": LOAD, "integrator": "gauss", "order": 4}
     how = {name: HOW[name] for name in ("angular_velocity", "project")} | scheme
     body = BODIES["nontwisting"]()
@@ -111,7 +111,7 @@ def test_outputs_between_steps_end_with_the_last_step_that_was_taken(interrupted
     assert impulse == pytest.approx(STEP * steps.moment[:100].sum(axis=0), rel=1e-12)
 
 
-def test_continuous_keeps_what_its_solver_has_passed():
+def test_continuous():
     def load(t, d, w):
         if t > 0.6:
             raise KeyboardInterrupt
@@ -127,7 +127,7 @@ def test_continuous_keeps_what_its_solver_has_passed():
 
 
 @pytest.mark.parametrize("by", ["", "interrupted (SIGHUP)"])
-def test_a_complete_run_survives_an_interrupt_of_its_dataset(by, monkeypatch):
+def test_dataset_is_interrupted(by, monkeypatch):
     def struck(*arguments):
         raise KeyboardInterrupt(by)
 
@@ -155,7 +155,7 @@ def handlers():
 
 
 @pytest.mark.parametrize("number", STOPS)
-def test_the_first_signal_interrupts_and_later_ones_are_ignored(number, handlers):
+def test_later_signals_are_ignored(number, handlers):
     """One that is ignored stays so."""
     with sigterm_interrupts():
         with pytest.raises(KeyboardInterrupt, match=rf"^interrupted \({number.name}\)$"):
@@ -191,7 +191,7 @@ def test_the_message_names_the_signal(name, number, handlers, monkeypatch):
 
 
 @pytest.mark.parametrize("strikes", [1, 3])
-def test_an_interrupt_of_a_run_that_chooses_its_steps(monkeypatch, strikes):
+def test_chosen_steps(monkeypatch, strikes):
     """While steps are chosen nothing more is marched; in the run that stores states between them these are kept."""
     how = {"t_end": 5, "material_angular_velocity": (1, 2, 3)}
     body, sound, calls = heavy_top([3, 4, 5], 1.0, (0, 0, 0.2)), stack_march.StackMarch._run, []

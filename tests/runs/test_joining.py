@@ -14,7 +14,7 @@ HOW = {"step": 0.125, "load": nt.pulse((1, 0, 0), start=0.5, end=1.5)}
 
 
 @pytest.mark.parametrize("integrator", ["gauss", "energy-momentum"])
-def test_a_divided_run_is_that_of_one_piece(integrator, tmp_path):
+def test_divided_run(integrator, tmp_path):
     """Of gauss to round-off, of energy-momentum bit for bit."""
     how = HOW | {"integrator": integrator}
     whole = nt.simulate(BODY, t_end=3, **how, **START)
@@ -40,7 +40,7 @@ def test_a_divided_run_is_that_of_one_piece(integrator, tmp_path):
     assert further[0].quaternion.values[0] == pytest.approx(parts[-1].quaternion.values[-1], abs=1e-15)
 
 
-def test_other_loads_steps_and_events_are_joined():
+def test_different_loads_and_steps():
     first = nt.simulate(BODY, t_end=1, step=0.1, integrator="gauss", **START)
     push = nt.pulse((1, 0, 0), start=1, end=2)
     second = nt.simulate(BODY, t_end=2, step=0.25, start=first, integrator="split", load=push)
@@ -61,7 +61,7 @@ def test_other_loads_steps_and_events_are_joined():
     assert kept.time.values.tolist() == both.time.values.tolist()
 
 
-def test_the_drifts_of_joined_runs_are_those_of_what_all_parts_conserve(tmp_path):
+def test_drifts_of_joined_runs(tmp_path):
     """Under the loads of all parts: a free part after a loaded one keeps K - A, not K."""
     push, brake = nt.pulse((1, 0, 0.5), start=0.5, end=1.5), nt.damping(0.4)
     parts = [nt.simulate(STANDARD, t_end=2, step=0.125, load=push, **START)]
@@ -82,7 +82,7 @@ def test_the_drifts_of_joined_runs_are_those_of_what_all_parts_conserve(tmp_path
     assert [part["t_end"] for part in json.loads(nested.attrs["joined"])] == [2, 3, 5]
 
 
-def test_potentials_and_wheels_that_change_at_a_seam_leave_no_energy():
+def test_changing_potentials_and_wheels():
     def run(load, **how):
         return nt.simulate(STANDARD, **{"step": 0.125, "load": load, **how})
 
@@ -95,7 +95,7 @@ def test_potentials_and_wheels_that_change_at_a_seam_leave_no_energy():
     assert list(nt.drifts(nt.join_runs(first, wheel))) == ["orthonormality"]
 
 
-def test_joined_runs_are_resampled_with_the_load_and_the_steps_of_each_part():
+def test_resampling_of_joined_runs():
     push = nt.pulse((3, 0, 1), start=0.5, end=1.5)
     first = nt.simulate(BODY, t_end=1, step=0.125, store=4, load=push, order=4, **START)
     second = nt.simulate(BODY, t_end=3, step=0.1, start=first, store=5, order=8)
@@ -123,7 +123,7 @@ def test_joined_runs_are_resampled_with_the_load_and_the_steps_of_each_part():
             call()
 
 
-def test_what_does_not_fit_is_refused():
+def test_refusals():
     how = {"step": 0.1, **START}
     first, later, elsewhere = (nt.simulate(BODY, t_start=t, t_end=t + 1, **how) for t in (0, 2, 1))
     with warned("start-other-inertia"):
@@ -146,7 +146,7 @@ def test_what_does_not_fit_is_refused():
     assert nt.join_runs(first).drop_attrs().identical(first.drop_attrs())
 
 
-def test_runs_are_taken_in_the_order_of_their_labels():
+def test_order_of_labels():
     """Directors, axes and components of quaternions in another order are the same run."""
     run = nt.simulate(STANDARD, t_end=1, step=0.1, material_angular_velocity=(1, 2, 3))
     other = run.isel(director=[2, 0, 1], quat=[3, 0, 1, 2], axis=[1, 2, 0])
@@ -160,7 +160,7 @@ def test_runs_are_taken_in_the_order_of_their_labels():
     assert nt.drifts(other) == nt.drifts(run)
 
 
-def test_parts_of_a_run_have_the_balance_of_the_run():
+def test_balance_of_parts():
     """`isel` and `sel` leave all intervals to a part, and those of its states to one that is thinned."""
     how = {"t_end": 3, "step": 0.1, "material_angular_velocity": (1, 2, 3)}
     run = nt.simulate(STANDARD, load=nt.pulse((1, 2, 0), start=0, end=2), **how)

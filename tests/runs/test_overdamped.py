@@ -59,7 +59,7 @@ def angles(run):
         (1e2, {"integrator": "lie-midpoint"}, 1e5, 2e-3),
     ],
 )
-def test_a_pendulum_in_oil_creeps_down(c, scheme, steps, near):
+def test_pendulum_creeps_down(c, scheme, steps, near):
     """Nobody has chosen a step; of order 2 0.05 rad and less than 5 % of a decay in the first ones.
 
     The damping by a function of the state at the start begins the steps, and bounds the velocity.
@@ -82,7 +82,7 @@ STIFF = {
 
 
 @pytest.mark.parametrize("load", STIFF)
-def test_what_steps_do_not_resolve_is_said_of_every_load(load):
+def test_unresolved_loads(load):
     body, how = nt.standard([3, 4, 5]), {"step": 0.01, "order": 4, "load": STIFF[load]}
     for call in (
         lambda: nt.simulate(body, t_end=0.1, material_angular_velocity=(0, 0, 1), **how),
@@ -106,7 +106,7 @@ def test_a_damper_that_begins_later():
 
 
 @pytest.mark.parametrize(("integrator", "c"), [("lie-midpoint", 2e3), ("split", 1e4)])
-def test_velocities_fall_below_the_smallest_number(integrator, c):
+def test_velocities_underflow(integrator, c):
     """By a function of the state, whose derivatives are differences; a step resolves no decay, as each run says."""
     how = {"t_end": 2, "step": 2e-3, "material_angular_velocity": (1, 2, 3), "integrator": integrator}
     load = nt.moment(lambda t, d, w: -c * w, compiled=True)
@@ -132,7 +132,7 @@ def test_each_step_shrinks_a_decay(scheme, make, size):
 
 
 @pytest.mark.filterwarnings("ignore:a table of the load ends")
-def test_a_push_is_resolved_where_it_begins_and_ends():
+def test_push_is_resolved():
     """About a principal axis ``W = M/c (1 - exp(-λ t))`` while it lasts, and ``W exp(-λ t)`` behind it."""
     rate, c, M, until = 1e7, 2e7, 3e7, 1.7  # J = 2, W up to 1.5
     t = np.sort(np.concatenate([np.geomspace(0.1 / rate, 1, 20), until + np.geomspace(0.1 / rate, 1, 20)]))
@@ -163,7 +163,7 @@ SLANTED = {  # body, damping, start, velocity, times; tolerance, and steps at mo
 
 @pytest.mark.filterwarnings("ignore:.*will take")
 @pytest.mark.parametrize("case", SLANTED)
-def test_all_axes_of_a_heavy_body_turn_where_rates_differ(case):
+def test_axes_with_different_rates(case):
     """Of 30 to 2e5 1/s under drag along slanted axes, and of 1e4 and 1e6 1/s in oil: by SciPy."""
     body, C, start, W0, t, (tolerance, steps) = SLANTED[case]
     how = {"times": t, "load": nt.damping(C), "rotation": start, "material_angular_velocity": W0}
@@ -202,7 +202,7 @@ def test_what_damping_bounds():
 
 
 @pytest.mark.parametrize(("scheme", "rate"), thinned(3, ["split", "energy-momentum"], [0.0, 10.0]))
-def test_what_must_resolve_every_decay_names_what_need_not(scheme, rate):
+def test_schemes_that_must_resolve(scheme, rate):
     """With the steps, which are those of a run that takes the advice."""
     words = r"choose the integrator gauss without step=, which takes about (\d+) steps of up to (\S+) s$"
     task = how(1e4) | {"material_angular_velocity": (-rate, 0, 0)}
@@ -218,7 +218,7 @@ def test_what_must_resolve_every_decay_names_what_need_not(scheme, rate):
     assert coming.step <= 1e-4 * (1 + 1e-9)
 
 
-def test_a_step_that_is_too_long_is_told_with_what_works():
+def test_too_long_step():
     message = r"1e\+06 1/s, which step = 10.1937 s does not resolve: .*; try step <= 8e-06, or none: a tolerance begins"
     with pytest.warns(UserWarning, match=message):
         nt.simulate(OIL, **how(1e4), step=how(1e4)["t_end"] / 1000)
@@ -234,7 +234,7 @@ def test_a_step_that_is_too_long_is_told_with_what_works():
         [(1.0, "1e\\+19", one) for one in ({"tolerance": 1e-6}, {"integrator": "split"})],
     ),
 )
-def test_more_decays_than_round_off_allows_are_refused_with_what_works(monkeypatch, scheme, rate, most):
+def test_round_off_refuses(monkeypatch, scheme, rate, most):
     """A run up to the time that is named, and one over the whole time in the step that is named."""
     c, marched, from_rest = 1e12, [], f"t_end <= .* or{', from rest,' * (rate != 0)} the integrator lie-midpoint"
     task = how(c) | {"material_angular_velocity": (-rate, 0, 0)}
@@ -258,7 +258,7 @@ def test_more_decays_than_round_off_allows_are_refused_with_what_works(monkeypat
 @pytest.mark.parametrize(
     ("c", "rate", "tolerance"), [(1e2, 0.0, 1e-6), (1e8, 0.0, 1e-10), (1e2, 0.1, None), (1e8, -100.0, None)]
 )
-def test_states_between_steps_are_within_the_tolerance(c, rate, tolerance):
+def test_states_between_steps(c, rate, tolerance):
     """While the velocity comes up or decays, in about J/c, and later; relative to the largest velocity.
 
     One at the start turns the body by about W J/c and is gone.
@@ -291,7 +291,7 @@ def test_damping_alone(c, size, is_function):
 
 
 @pytest.mark.parametrize(("viscous", "is_function"), [(1.0, False), (1e3, True)])
-def test_a_wheel_that_its_bearing_stops_at_once(viscous, is_function):
+def test_wheel_stops_at_once(viscous, is_function):
     """``Ω' = -b (1/I + 1/(J - I)) Ω``, at rates of 200 and 2e5 1/s in a run of 10 s."""
     friction = {"friction": lambda speed: viscous * speed} if is_function else {"viscous": viscous}
     load = nt.wheel("z", 0.005, speed=100, **friction)
@@ -304,7 +304,7 @@ def test_a_wheel_that_its_bearing_stops_at_once(viscous, is_function):
     assert run.wheel_loss.values[-1, 0] == pytest.approx(100**2 / 2 * viscous / rate, rel=1e-8)
 
 
-def test_an_actuator_that_lags_by_no_time():
+def test_actuator_without_lag():
     """``J W' = -z, z' = -c (z - W)``, about x: a linear motion."""
     c = 1e5
     functions = lambda t, z, d, w: -c * (z - w[:1]), lambda t, z, d, w: -z[0] * np.array([1, 0, 0])
@@ -316,7 +316,7 @@ def test_an_actuator_that_lags_by_no_time():
     assert run.stretches.steps < 700
 
 
-def test_the_fastest_rate_of_wheels_is_that_of_the_linear_motion():
+def test_fastest_rate_of_wheels():
     load = nt.wheel("x", 0.2, viscous=3.0) + nt.wheel((1, 2, 2), 0.1, 5, viscous=2.0) + nt.wheel("y", 0.3)
     n, b = np.array([[1, 0, 0], [1 / 3, 2 / 3, 2 / 3], [0, 1, 0]]), np.diag([3.0, 2.0, 0])
     own = np.diag([0.2, 0.1, 0.3])
@@ -325,7 +325,7 @@ def test_the_fastest_rate_of_wheels_is_that_of_the_linear_motion():
     assert damping_rate(stacked(nt.standard([3, 4, 5])), load) == pytest.approx(abs(np.linalg.eigvals(slopes)).max())
 
 
-def test_a_function_that_damps_beyond_the_largest_number_is_refused():
+def test_infinite_damping():
     load = nt.moment(lambda t, d, w: (-1e200 * w[0], -1e200 * w[1], -1e199 * w[2]), compiled=True)
     about = {"t_end": 1, "load": load, "material_angular_velocity": (1, 0.1, 2)}
     with pytest.raises(ValueError, match="of which at most 1e\\+19 are resolved"):
@@ -335,7 +335,7 @@ def test_a_function_that_damps_beyond_the_largest_number_is_refused():
     assert failed.value.status == Status.STALLED
 
 
-def test_a_solver_that_damping_holds_to_too_many_steps_is_refused_before_it_begins(monkeypatch):
+def test_solver_of_too_many_steps(monkeypatch):
     """By 1e6 steps of 6.3/ρ; just below it begins."""
     longest = 1e6 * 6.3 * 0.01 / 1e4
     task = {"integrator": "continuous", "rotation": HANGING, "load": nt.damping(1e4)}
@@ -347,7 +347,7 @@ def test_a_solver_that_damping_holds_to_too_many_steps_is_refused_before_it_begi
 
 
 @pytest.mark.parametrize("grid", [{"t_end": 5000, "step": 50.0}, {"t_end": 5000}, {"times": [0, 5000.0]}])
-def test_scipys_implicit_solvers_are_refused_with_steps_that_work(grid, monkeypatch):
+def test_scipys_implicit_solvers(grid, monkeypatch):
     """Of runs of a million steps, after few: what is said is what gauss takes, whatever the words of the failure."""
     monkeypatch.setattr("nontwist.integrators.continuous.TOO_FAST", "{} needs more than {} steps, after {} it is {}")
     how = {"rotation": Rotation.from_euler("x", 1.2), "load": nt.damping(1e4)}
@@ -365,7 +365,7 @@ def test_scipys_implicit_solvers_are_refused_with_steps_that_work(grid, monkeypa
     assert nt.integrate(body, t_end=5000, **how).stretches.steps == pytest.approx(steps, rel=0.5)
 
 
-def test_more_steps_than_are_chosen_are_refused_with_one_that_works():
+def test_more_steps_than_chosen():
     how = {"rotation": Rotation.from_euler("x", 1.2), "load": nt.damping(1e4) + nt.sine((1, 0, 0), 10.0)}
     body = nt.heavy_top([1.1, 1.0, 0.4], mass=1.3, centre_of_mass=(0, 0, 0.8))
     with pytest.raises(

@@ -49,7 +49,7 @@ def test_every_integrator_reaches_t_end(name):
             assert np.isfinite(many.quaternion).all()
 
 
-def test_steps_below_the_resolution_of_the_times_are_refused():
+def test_steps_below_time_resolution():
     how = {"t_start": 1e9, "t_end": 1e9 + 1, **W}
     for call in (simulate, simulate_ensemble):
         with says() as told:
@@ -94,7 +94,7 @@ NOT_FINITE += "are nearer to 1"
         ("load_work", np.nan, "load_work", 1),
     ],
 )
-def test_a_result_that_is_not_finite_is_a_failed_run(name, value, said, store):
+def test_infinite_result(name, value, said, store):
     good, how = 3 + (name not in ("quaternion", "velocity")), {"angular_velocity": [1, 2, 0], "store": store}
     with pytest.raises(SimulationError) as info:
         integrate(BODIES["nontwisting"](), t_end=2, step=0.1, integrator=spoilt(name, value, 3), **how)
@@ -105,7 +105,7 @@ def test_a_result_that_is_not_finite_is_a_failed_run(name, value, said, store):
     assert all(np.isfinite(variable).all() for variable in kept.to_dataset().data_vars.values())
 
 
-def test_a_quaternion_that_is_not_of_unit_length_is_a_failed_run():
+def test_quaternion_off_unit_length():
     """Of many states that are rounded, by less than is refused of one and more of all together, it is none."""
     said = "step 2 at t = 0.2 s: its quaternion is not of unit length, which is a defect of the integrator; "
     for length in (0.0, 0.9, 1.001):
@@ -122,7 +122,7 @@ def test_a_quaternion_that_is_not_of_unit_length_is_a_failed_run():
     assert np.isfinite(many.kinetic_energy_max).all()
 
 
-def test_states_that_are_missing_are_a_failed_run():
+def test_missing_states():
     scheme = spoiling(lambda outcome: outcome._replace(good=np.array([8])))
     said = "the integrator returned 8 of 11 states, which is a defect of it; use another integrator"
     with pytest.raises(SimulationError, match=f"^step 7 at t = 0.7 s: {re.escape(said)}$") as info:
@@ -130,7 +130,7 @@ def test_states_that_are_missing_are_a_failed_run():
     assert info.value.status == info.value.partial.status == Status.INCOMPLETE
 
 
-def test_times_that_do_not_increase_are_a_failed_run(monkeypatch):
+def test_times_not_increasing(monkeypatch):
     sound = IVP._at
     monkeypatch.setattr(IVP, "_at", lambda self, *at: np.minimum(sound(self, *at), 0.55))
     with pytest.raises(SimulationError, match=r"^step 0 at t = 0 s: the output times do not increase up to t_end$"):
@@ -149,7 +149,7 @@ def test_times_that_do_not_increase_are_a_failed_run(monkeypatch):
         ("observed", (1, 0), np.inf, "kinetic_energy"),
     ],
 )
-def test_a_member_that_is_not_finite_has_failed_and_no_other(what, at, value, said):
+def test_infinite_member(what, at, value, said):
     good, how = at[0], {"t_end": 1, "step": 0.1, "store": 2, "load_scale": [1, 1, 1], "reduce": "extrema", **W}
     sound = simulate_ensemble(BODY, integrator="lie-midpoint", **how)
     told = f"step {2 * (good - 1)} at t = {(good - 1) / 5:.12g} s: the variable {said} {NOT_FINITE}"
@@ -164,7 +164,7 @@ def test_a_member_that_is_not_finite_has_failed_and_no_other(what, at, value, sa
     assert np.isfinite(many.quaternion[1, :good]).all()
 
 
-def test_a_run_too_short_for_numbers_is_refused():
+def test_too_short_run():
     """Its multipliers were once infinite: 2/h is no number."""
     with says():
         simulate(BODY, t_end=1e-311, integrator="energy-momentum", **W)
@@ -187,7 +187,7 @@ def assert_same(first, second):
 
 
 @pytest.mark.parametrize(("name", "body"), [("lie-midpoint", "nontwisting"), ("energy-momentum", "standard")])
-def test_a_run_to_T_and_on_to_2T_is_the_run_to_2T_bit_for_bit(name, body, tmp_path):
+def test_run_in_two_parts(name, body, tmp_path):
     for T, N in (ODD[0], (0.37, 23)):
         system, how = BODIES[body](), {"step": T / N, "integrator": name, "load": LOAD}
         start = {"angular_velocity": (1.0, -2.0, 0.5), "project": True}
@@ -204,7 +204,7 @@ def test_a_run_to_T_and_on_to_2T_is_the_run_to_2T_bit_for_bit(name, body, tmp_pa
 
 
 @pytest.mark.filterwarnings("ignore:the load .* runs in Python")
-def test_a_failed_run_is_continued_bit_for_bit():
+def test_failed_run_is_continued():
     def sound(t, directors, w):
         return 0.0, t, 0.0
 
@@ -227,7 +227,7 @@ def test_another_grid_is_not_continued():
     assert integrate(BODY, start=first, t_start=1.0, t_end=1.7, step=0.7 / 187).origin is None
 
 
-def test_an_ensemble_continues_the_grid_of_an_ensemble_and_of_a_run():
+def test_ensemble_grid_is_continued():
     T, N = 0.7, 187
     how = {"step": T / N, "integrator": "lie-midpoint"}
     for first in (simulate_ensemble(BODY, t_end=T, **W, **how), simulate(BODY, t_end=T, **W, **how)):
@@ -253,14 +253,14 @@ def breaking(t, directors, w):
 
 
 @pytest.mark.parametrize("integrator", ["gauss", "lie-midpoint", "energy-momentum", "split", "continuous"])
-def test_what_a_load_raised_is_the_cause(integrator):
+def test_cause_in_a_load(integrator):
     how = {"material_angular_velocity": (1, 2, 0), "integrator": integrator, "load": moment(breaking)}
     with pytest.raises(SimulationError) as told:
         simulate(nontwisting([3, 4, 5]), t_end=1, step=None if integrator == "continuous" else 0.1, **how)
     assert isinstance(told.value.__cause__.__cause__, ArithmeticError)
 
 
-def test_what_a_load_of_a_stepper_beside_memory_raised_is_the_cause():
+def test_cause_in_a_stepper():
     beside = nt.memory_load(lambda t, z, d, w: -z, lambda t, z, d, w: 0 * w, [1.0])
     with pytest.raises(SimulationError) as told:
         nt.stepper(nontwisting([3, 4, 5]), step=2, load=moment(breaking) + beside, integrator="gauss").step()

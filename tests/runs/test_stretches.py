@@ -78,7 +78,7 @@ def test_jumps_cost_no_order():
 
 
 @pytest.mark.parametrize("name", STEPPING)
-def test_a_member_has_the_bits_of_a_run(name):
+def test_member_equals_run(name):
     plan, many, grid = started(name, 2 if name == "gauss" else None, 7, np.random.default_rng(0).normal(size=(11, 3)))
     for threads in (1, 3):
         outcome = plan.scheme.march(replace(plan.problem(many, grid), intervals=True), threads)
@@ -107,7 +107,7 @@ def test_means_are_weighted_by_time(name):
 
 
 @pytest.mark.parametrize("name", STEPPING)
-def test_a_propagator_takes_the_grid_of_each_start(name):
+def test_propagator_grids(name):
     how = {"t_end": 2, "load": LOAD, "integrator": name, "store": "end" if name == "gauss" else 4}
     run = nt.propagator(BODY, **how)
     for speed in (1.0, 3.0, 3.0):
@@ -116,7 +116,7 @@ def test_a_propagator_takes_the_grid_of_each_start(name):
 
 
 @pytest.mark.parametrize(("after", "name"), thinned(3, [2, 3, 4], STEPPING))
-def test_an_interrupted_run_takes_up_its_grid(name, after, monkeypatch, tmp_path):
+def test_interrupted_grid(name, after, monkeypatch, tmp_path):
     """Stopped inside a stretch and at the end of one, with the step left open; from a file to round-off."""
     how = {"t_end": 2, "load": LOAD, "integrator": name, "order": 2}
     whole, sound, calls = nt.integrate(BODY, **W, **how), stack_march.StackMarch._run, []
@@ -147,7 +147,7 @@ def test_an_interrupted_run_takes_up_its_grid(name, after, monkeypatch, tmp_path
     assert {1.5, 1.6, 3.0} <= set(other.time.tolist())
 
 
-def test_a_step_that_is_given_is_the_same_throughout():
+def test_given_step_is_constant():
     with says(UserWarning):
         run = nt.integrate(BODY, t_end=2, step=0.1, load=LOAD, **W)
     assert run.stretches == stretched((0.0, 2.0), (20,))
@@ -164,7 +164,7 @@ def test_the_record_tells_the_stretches():
             nt.simulate(BODY, t_end=3, start=run.assign_attrs(stretches=damaged))
 
 
-def test_kinks_that_times_do_not_tell_apart_are_one():
+def test_indistinguishable_kinks():
     near = 1 + 4 * np.spacing(1.0)
     load = nt.body_moment(lambda t: (t, 0, 0), breakpoints=[0.0, 1e-16, 0.5, 1.0, near, 2 - 1e-15, 2.0, 5.0])
     assert kinks(load, 0.0, 2.0).tolist() == [0.5, 1.0]
@@ -172,7 +172,7 @@ def test_kinks_that_times_do_not_tell_apart_are_one():
     assert (np.diff(run.time) > 0).all()
 
 
-def test_a_short_pulse_is_resolved_where_it_acts():
+def test_short_pulse():
     load = nt.pulse((1, 0, 0), 50, 50.001, shape="half-sine")
     grid = stretches_of(load, 0.0, 100.0, 1.0)
     assert (grid.numbers, grid.longest) == ((0, 50, 70, 120), 1.0)

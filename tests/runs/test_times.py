@@ -58,7 +58,7 @@ def reference():
 
 
 @pytest.mark.parametrize("name", STEPPING)
-def test_outputs_change_no_node_and_no_other_output(name):
+def test_outputs_move_no_node(name):
     body = nontwisting([3, 4, 5])
     how = {"t_end": 2, "step": 0.05, "integrator": name, "material_angular_velocity": (1, -2, 0), "load": SPACE}
     run = integrate(body, **how)
@@ -77,7 +77,7 @@ ORDERS += [("energy-momentum", 2, (100, 200), 0.35), ("split", 2, (100, 200), 0.
 
 
 @pytest.mark.parametrize(("scheme", "order", "counts", "within"), ORDERS)
-def test_outputs_have_the_order_of_the_integrator(scheme, order, counts, within):
+def test_order_of_outputs(scheme, order, counts, within):
     truth, errors = reference(), []
     for n in counts:
         run = integrate(TOP, t_end=2, step=2 / n, times=TIMES, integrator=scheme, order=order, **START)
@@ -88,7 +88,7 @@ def test_outputs_have_the_order_of_the_integrator(scheme, order, counts, within)
 
 
 @pytest.mark.parametrize("name", ["gauss", "split"])
-def test_impulse_and_work_balance_between_any_outputs(name):
+def test_impulse_and_work_balance(name):
     how = {"integrator": name, "load": SPACE, "material_angular_velocity": W0}
     run = simulate(standard([3, 4, 5]), t_end=2, step=0.1, times=TIMES, **how)
     gained = np.diff(run.spatial_momentum.values, axis=0)
@@ -98,7 +98,7 @@ def test_impulse_and_work_balance_between_any_outputs(name):
     assert run.midtime.values == pytest.approx((TIMES[1:] + TIMES[:-1]) / 2)
 
 
-def test_the_reaction_of_a_suslov_body_balances_between_outputs():
+def test_suslov_reaction_balances():
     body = suslov([[3, 0.1, 0.2], [0.1, 4, 0.3], [0.2, 0.3, 5]], [1, 2, 3])
     how = {"times": TIMES, "material_angular_velocity": (2, -1, 0.5), "project": True, "integrator": "gauss"}
     run, fine = (simulate(body, t_end=2, step=step, **how) for step in (0.1, 0.02))
@@ -116,7 +116,7 @@ def test_no_output_crosses_a_kink():
 
 
 @pytest.mark.parametrize("name", ["lie-midpoint", "split", "exact", "continuous"])
-def test_a_member_and_a_prepared_run_are_runs_with_outputs_as_well(name):
+def test_members_and_prepared_runs(name):
     load, scale, W = SPACE, (1.0, 0.5, -2.0), RNG.normal(size=(3, 3))
     how = {"times": TIMES[::4], "integrator": name}
     how |= {} if name in ("exact", "continuous") else {"t_end": 2, "step": 0.05}
@@ -133,7 +133,7 @@ def test_a_member_and_a_prepared_run_are_runs_with_outputs_as_well(name):
             assert np.array_equal(getattr(run, array), getattr(again, array)), array
 
 
-def test_integrators_in_python_have_outputs_too():
+def test_python_integrators():
     """Also over steps of three sizes, from a start that is not 0, and in means over several steps."""
     load = SPACE + pulse((3, 2, 1), 0.71, 1.2)
     how = {"t_start": 0.5, "t_end": 1.5, "material_angular_velocity": (1, -2, 0), "load": load}
@@ -145,7 +145,7 @@ def test_integrators_in_python_have_outputs_too():
 
 
 @pytest.mark.parametrize(("error", "kind"), [(KeyboardInterrupt, SimulationInterrupt), (ValueError, SimulationError)])
-def test_a_run_that_is_stopped_or_fails_keeps_its_outputs(error, kind, monkeypatch):
+def test_stopped_run_keeps_outputs(error, kind, monkeypatch):
     """One that is stopped at an output, here at the beginning of the last ten steps, has it once."""
 
     def ending(t, d, w):
@@ -169,7 +169,7 @@ def test_a_run_that_is_stopped_or_fails_keeps_its_outputs(error, kind, monkeypat
     assert part.moment == pytest.approx(full.moment[: n - 1], abs=1e-14)
 
 
-def test_a_step_in_python_to_an_output_may_be_stopped():
+def test_python_step_is_stopped():
     def striking(t, d, w):
         if 0.105 < t < 0.115:  # seen from the step from 0.1 to 0.12 alone
             raise KeyboardInterrupt
@@ -181,7 +181,7 @@ def test_a_step_in_python_to_an_output_may_be_stopped():
     assert info.value.partial.time.tolist() == [0.05, 0.1]
 
 
-def test_statistics_are_of_the_whole_run():
+def test_statistics_of_the_whole_run():
     how = {"t_end": 2, "step": 0.1, "integrator": "gauss", "reduce": "extrema", **START}
     run, few = simulate_ensemble(TOP, **how), simulate_ensemble(TOP, times=[0.3, 0.61], **how)
     assert few.kinetic_energy_max.equals(run.kinetic_energy_max)
@@ -196,7 +196,7 @@ test_times_are_checked = refused_as(
 
 
 @pytest.mark.parametrize(("name", "step"), [("gauss", 0.05), ("split", 0.05), ("lie-midpoint", None)])
-def test_resampling_is_what_the_run_has_passed_through(name, step):
+def test_resampling(name, step):
     """At times in any order, also where steps of different lengths lie between two stored states."""
     load = SPACE + damping(0.1) + pulse((5, 0, 2), 0.35, 0.45)
     how = {"t_end": 2, "step": step, "integrator": name, "load": load, **START}
@@ -212,7 +212,7 @@ def test_resampling_is_what_the_run_has_passed_through(name, step):
     assert got.attrs["resampled"] == "between stored states"
 
 
-def test_resampling_needs_the_functions_of_a_load():
+def test_resampling_needs_functions():
     load = body_moment(lambda t: (np.sin(t), 1.0, 0.0)) + SPACE
     how = {"t_end": 1, "step": 0.1, "load": load, "integrator": "gauss", "material_angular_velocity": W0}
     run, asked = simulate(standard([3, 4, 5]), **how), simulate(standard([3, 4, 5]), times=[0.55], **how)

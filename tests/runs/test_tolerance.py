@@ -45,7 +45,7 @@ def ratios(seeds):
 
 
 @pytest.mark.parametrize("goal", [1e-2, 1e-4])
-def test_an_error_that_no_third_run_confirms_is_told(goal, monkeypatch):
+def test_unconfirmed_error(goal, monkeypatch):
     """Above a tenth of the tolerance a third run confirms it, unless that would take more steps than any may."""
     how = {"t_end": 5, "material_angular_velocity": (0.1, 2, 0.3), "store": "end"}
     truth = nt.integrate(nt.standard([3, 4, 5]), tolerance=1e-11, **how).rotation[-1]
@@ -62,7 +62,7 @@ def test_an_error_that_no_third_run_confirms_is_told(goal, monkeypatch):
     assert (run.rotation[-1].inv() * truth).magnitude() <= run.error_estimate
 
 
-def test_a_run_that_fails_at_any_step_says_how(monkeypatch):
+def test_run_failing_at_any_step(monkeypatch):
     sound = completion.march
 
     def failing(*given):
@@ -77,14 +77,14 @@ def test_a_run_that_fails_at_any_step_says_how(monkeypatch):
 
 @pytest.mark.filterwarnings("ignore:a table of the load ends at")
 @pytest.mark.parametrize(("count", "share", "worst"), or_long([(4, 1, 1)], [(2000, 0.99, 10)]))
-def test_generated_problems_are_solved_within_their_tolerance(count, share, worst):
+def test_generated_problems(count, share, worst):
     found = np.array(list(ratios(range(count)).values()))
     assert len(found) > count / 2
     assert np.mean(found <= 1) >= share
     assert found.max() <= worst
 
 
-def test_the_choice_is_recorded_and_the_order_may_be_fixed():
+def test_choice_is_recorded():
     run = nt.integrate(BODY, t_end=5, load=LOAD, tolerance=1e-9, **GAUSS, **W)
     assert run.tolerance == 1e-9
     assert 0 <= run.error_estimate <= 1e-9
@@ -98,7 +98,7 @@ def test_the_choice_is_recorded_and_the_order_may_be_fixed():
     assert old.step * np.linalg.norm(old.material_angular_velocity, axis=1).max() <= 0.05
 
 
-def test_states_are_close_where_nobody_has_chosen_a_step():
+def test_states_are_close():
     """At most 0.05 rad and a hundredth of the run apart, however long the steps are; not where a tolerance is given."""
     shown = nt.integrate(BODY, t_end=5, **W)
     apart = np.diff(shown.time).max()
@@ -149,7 +149,7 @@ test_long_runs_name_the_outputs_that_are_possible = refused_as(
 )
 
 
-def test_a_tolerance_below_ten_floors_is_refused():
+def test_tolerance_below_ten_floors():
     """Two units of round-off in W move the attitude by 2 eps t |W| and more; far smaller ones take no longer."""
     how = GAUSS | W
     message = r"^tolerance = \S+ cannot be reached: .* two units .* moves the end by (\S+); use tolerance >= (\S+)$"
@@ -165,7 +165,7 @@ def test_a_tolerance_below_ten_floors_is_refused():
         nt.integrate(BODY, t_end=1, tolerance=1e-101, **W)
 
 
-def test_a_default_run_that_amplifies_round_off_says_so():
+def test_amplified_round_off():
     """A metre stick that swings about its middle axis: it is known to ten times what two units move its end by."""
     J = nt.inertia.shift(nt.inertia.of_cuboid(0.12, lengths=(0.03, 0.006, 1.0)), mass=0.12, offset=(0, 0, 0.4))
     stick = nt.heavy_top(J, mass=0.12, centre_of_mass=(0, 0, 0.4))
@@ -200,7 +200,7 @@ def test_an_undeclared_kink_is_told():
 
 
 @pytest.mark.filterwarnings("ignore:1 of 2 members", "ignore:2 of 2 members")
-def test_members_that_meet_a_jump_do_not_stop_the_others():
+def test_members_meet_a_jump():
     """A thruster about d3 that stops at 0.1 rad/s, beside a moment of time under which W_3 is known."""
 
     def law(t, d, w):
@@ -217,7 +217,7 @@ def test_members_that_meet_a_jump_do_not_stop_the_others():
         assert found == pytest.approx(last, abs=1e-12, nan_ok=True)
 
 
-def test_a_jump_that_no_stage_sees_is_refused():
+def test_jump_between_stages():
     """It lies behind the last stage of a step, before a node of both grids, whose runs agree to round-off."""
 
     def law(t, d, w):
@@ -235,7 +235,7 @@ def test_a_jump_that_no_stage_sees_is_refused():
     assert run.material_angular_velocity.values[-1, 2] == pytest.approx(0.1, abs=1e-9)
 
 
-def test_what_saturates_with_the_state_is_told_and_is_within_its_tolerance_once_it_is_smooth():
+def test_saturation():
     def clipped(t, directors, w):
         return -0.2 * np.minimum(np.maximum(5 * w, -1), 1)
 
@@ -266,7 +266,7 @@ SWINGS = [(0.1, 1e-4), (1e-5, 1e-4), (1e-5, 1e-10)]
 
 
 @pytest.mark.parametrize(("angle", "tolerance"), [*SWINGS, (1e-3, None)])
-def test_a_pendulum_that_hardly_moves_is_within_its_tolerance(angle, tolerance):
+def test_small_pendulum(angle, tolerance):
     """The first steps miss the swing, since they follow from the angular velocity.
 
     Of a moment that is a function the rate is not known either, and the first distances do not fall.
@@ -281,7 +281,7 @@ def test_a_pendulum_that_hardly_moves_is_within_its_tolerance(angle, tolerance):
     assert run.error_estimate <= how["tolerance"]
 
 
-def test_a_small_gyration_behind_many_kinks_is_refined():
+def test_gyration_behind_many_kinks():
     """Kinks that are 0.5 s apart, then 60 s that begin with steps in which the rotor turns W by some rad."""
     body, rng = nt.standard([[22, 0.4, -0.3], [0.4, 20.5, 0.2], [-0.3, 0.2, 24.5]]), np.random.default_rng(3)
     times, moments = np.arange(0, 30.5, 0.5), 0.02 * rng.normal(size=(61, 3))
@@ -295,7 +295,7 @@ def test_a_small_gyration_behind_many_kinks_is_refined():
 
 
 @pytest.mark.parametrize(("t_end", "shown"), [(2, 0.2), (50, 50 * 100 / np.sqrt(1.2) / 20_000)])
-def test_stored_states_show_a_gyration_up_to_a_number(t_end, shown):
+def test_stored_gyration(t_end, shown):
     """A body that hardly turns, and W that turns in it at the rate h / √(J₁ J₂)."""
     run = nt.simulate(
         nt.standard([1, 1.2, 1.5]), t_end=t_end, load=nt.rotor((0, 0, 1), 100.0), angular_velocity=(0.1, 0, 0)
@@ -304,7 +304,7 @@ def test_stored_states_show_a_gyration_up_to_a_number(t_end, shown):
     assert 0.99 * shown < turned.max() <= shown * (1 + 1e-9)
 
 
-def test_the_rate_of_a_gyration_is_that_of_the_linear_motion():
+def test_rate_of_a_gyration():
     """Of ``J W' = H × W``; a body that may not turn about its third axis sees H along that alone."""
     J, h = np.array([3.0, 4.0, 5.0]), np.array([1.0, -2.0, 2.0])
     load = nt.rotor(h, [0, 1], [1.0, 3.0]) + nt.wheel(h, 0.5, speed=6, viscous=0.1)  # at most 6 kg m² s⁻¹ together
@@ -316,7 +316,7 @@ def test_the_rate_of_a_gyration_is_that_of_the_linear_motion():
 
 
 @pytest.mark.parametrize(("angle", "tolerance"), [(0.0, None), (1e-12, 1e-10)])
-def test_a_body_in_equilibrium_has_a_tolerance(angle, tolerance):
+def test_equilibrium(angle, tolerance):
     """Its angular velocity is round-off, relative to which nothing can be computed."""
     start = {"rotation": Rotation.from_rotvec([angle, 0, 0]), "load": nt.spring(20.0, (0, 0, 1), (0, 0, 1.5))}
     run = nt.simulate(nt.standard([0.9, 3.4, 3.9]), t_end=20, tolerance=tolerance, **start)
@@ -324,7 +324,7 @@ def test_a_body_in_equilibrium_has_a_tolerance(angle, tolerance):
     assert nt.rotation(run).magnitude().max() <= angle + 1e-10
 
 
-def test_a_slender_rod_that_does_not_turn_about_itself_needs_no_more_steps():
+def test_slender_rod():
     """It swings by 150°; a quarter period is K(sin 75°)/ω, where it hangs straight."""
     radius = 1e-6
     rod = nt.heavy_top([1 / 3 + radius**2 / 4] * 2 + [radius**2 / 2], 1.0, [0, 0, 0.5])
@@ -340,7 +340,7 @@ def test_a_slender_rod_that_does_not_turn_about_itself_needs_no_more_steps():
     assert largest_velocity(stacked(rod), still, rubbing, 0.0, quarter) == pytest.approx(2 * omega, rel=1e-3)
 
 
-def test_the_error_of_a_fast_spin_is_that_of_round_off():
+def test_fast_spin():
     run = nt.integrate(nt.standard([0.0147, 0.0015, 0.0162]), t_end=1, material_angular_velocity=(720, 3, 1))
     assert run.error_estimate <= run.tolerance == 1e-8
 
@@ -351,7 +351,7 @@ def require_bound(body, load, t_end, start):
     assert np.linalg.norm(W, axis=1).max() <= bound * (1 + 1e-12)
 
 
-def test_the_bounds_of_balls_are_reached():
+def test_bounds_of_balls():
     """About one axis, under half the load or their weight, for 3 s; a bound is of moments that add up."""
     up, down = nt.body_moment([1, 4], [[0, 0, 4]] * 2), nt.space_moment([1, 4], [[0, 0, -2]] * 2)
     along = nt.director_forces([1, 4], [[[0, 2, 0], [0, 0, 0], [0, 0, 0]]] * 2, frame="body")
@@ -369,7 +369,7 @@ def test_the_bounds_of_balls_are_reached():
 
 
 @pytest.mark.parametrize("seed", [5, *(pytest.param(seed, marks=pytest.mark.long) for seed in range(5))])
-def test_damping_that_couples_the_axes_may_spin_a_slender_body(seed):
+def test_damping_spins_slender_bodies(seed):
     """A start across its axis, J3 a thousandth of J1 and J2: without the coupling each of them exceeds the bound."""
     root = np.random.default_rng(seed).normal(size=(3, 3)) * 0.1
     require_bound(nt.standard([1.0, 1.0, 1e-3]), nt.damping(root @ root.T), 0.01, (1, 0.5, 0))
@@ -378,14 +378,14 @@ def test_damping_that_couples_the_axes_may_spin_a_slender_body(seed):
 @pytest.mark.parametrize(
     ("name", "order", "tolerance"), [("lie-midpoint", 2, 1e-3), ("gauss", 4, 1e-5), ("split", 4, 1e-3)]
 )
-def test_low_orders_take_no_more_steps_than_they_need(name, order, tolerance):
+def test_low_orders(name, order, tolerance):
     """A tenth of the tolerance is accepted; their first steps, by the local estimate, were ten times finer."""
     how = {"t_end": 10, "material_angular_velocity": (0.3, 2, 0.1), "load": nt.sine((1, 0.3, 0), 1.0, frame="body")}
     run = nt.integrate(nt.standard([3, 4, 5]), tolerance=tolerance, integrator=name, order=order, **how)
     assert tolerance / 20 < run.error_estimate <= tolerance / 10
 
 
-def test_the_moved_start_differs_by_as_much_in_every_number():
+def test_moved_start():
     W, p = np.array([[1.0, -2, 3]]), Rotation.from_rotvec([[1, 2, 3]])
     begin = Starts(p.as_quat(), W, None, np.ones(1))
     moved = tolerance.moved(begin)
@@ -394,14 +394,14 @@ def test_the_moved_start_differs_by_as_much_in_every_number():
     assert moved.load_scale - 1 == pytest.approx(tolerance.CHANGE, rel=1e-3)
 
 
-def test_a_body_at_rest_follows_a_fast_sine():
+def test_fast_sine_at_rest():
     times, phase, rate = np.sort(np.random.default_rng(0).uniform(0, 100, 99)), np.pi / 2, 2 * np.pi * 50
     run = nt.simulate(nt.standard([20, 80, 90]), times=times, load=nt.sine([1, 0, 0], 50, phase=phase))
     exact = (np.cos(phase) - np.cos(rate * times + phase)) / (20 * rate)
     assert abs(run.material_angular_velocity.values[:, 0] - exact).max() < 1e-8 * abs(exact).max()
 
 
-def test_times_far_from_0_bound_what_can_be_reached():
+def test_times_far_from_0():
     how = {"t_start": 1e9, "times": [1e9 + 1, 1e9 + 5], "material_angular_velocity": (1, 2, 0)}
     run, exact = (nt.simulate(nt.standard([3, 4, 5]), integrator=name, **how) for name in ("gauss", "exact"))
     assert 1e-8 < abs(run.directors - exact.directors).max() < run.tolerance

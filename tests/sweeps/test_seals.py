@@ -76,7 +76,7 @@ def test_metadata_are_sealed(place):
 
 
 @pytest.mark.parametrize("name", ["status/zarr.json", "blocks/seal.json"])
-def test_every_file_of_metadata_is_sealed(place, name):
+def test_metadata_is_sealed(place, name):
     store = place / "axes.zarr"
     (store / name).write_bytes((store / name).read_bytes() + b" ")
     refused(store, f" is damaged: {name} was changed after it was written; {REMEDY}")
@@ -84,7 +84,7 @@ def test_every_file_of_metadata_is_sealed(place, name):
     refused(store, f" is damaged: {name} is missing; {REMEDY}")
 
 
-def test_blocks_that_are_missing_damaged_exchanged_or_foreign_are_named_and_made_again(place, tmp_path):
+def test_bad_blocks_are_made_again(place, tmp_path):
     store, other, text = place / "axes.zarr", tmp_path / "other.zarr", place / "axes.toml"
     replace(text, "6.5]", "6.5, 5.1, 5.2, 5.3, 5.4]")
     shutil.rmtree(store)
@@ -142,7 +142,7 @@ def test_blocks_that_are_missing_damaged_exchanged_or_foreign_are_named_and_made
     assert again == []
 
 
-def test_a_chunk_where_all_of_a_block_is_refused_is_foreign(place):
+def test_refused_chunk(place):
     store = place / "axes.zarr"
     refused_chunk = chunk(store, "quaternion", 2)
     assert not refused_chunk.exists()  # all of it is NaN
@@ -152,7 +152,7 @@ def test_a_chunk_where_all_of_a_block_is_refused_is_foreign(place):
     assert not refused_chunk.exists()
 
 
-def test_a_block_without_a_marker_is_absent_whatever_its_chunks_hold(place):
+def test_block_without_marker(place):
     store = place / "axes.zarr"
     running = open_sweep(store)
     open_store(store).blocks.place(3).unlink()
@@ -163,7 +163,7 @@ def test_a_block_without_a_marker_is_absent_whatever_its_chunks_hold(place):
         running.status.compute()
 
 
-def test_nothing_is_read_before_it_is_asked_for(place, monkeypatch):
+def test_lazy_reading(place, monkeypatch):
     store, read, sound = place / "axes.zarr", [], Blocks.array
 
     def noting(self, name, k, done=None):
@@ -178,7 +178,7 @@ def test_nothing_is_read_before_it_is_asked_for(place, monkeypatch):
     assert read == [("quaternion", 3)]
 
 
-def test_a_dataset_and_its_errors_go_to_files_and_other_processes(place):
+def test_datasets_travel(place):
     store = place / "axes.zarr"
     many = pickle.loads(pickle.dumps(open_sweep(store)))
     assert many.identical(open_sweep(store))
@@ -189,7 +189,7 @@ def test_a_dataset_and_its_errors_go_to_files_and_other_processes(place):
     assert str(pickle.loads(pickle.dumps(caught.value))) == str(caught.value)
 
 
-def test_the_hash_is_of_what_was_to_be_written(place, tmp_path, monkeypatch):
+def test_hash_of_the_intended(place, tmp_path, monkeypatch):
     sound = LocalStore.set
 
     async def flipping(self, key, value):
@@ -205,7 +205,7 @@ def test_the_hash_is_of_what_was_to_be_written(place, tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("flips", [20, pytest.param(2000, marks=pytest.mark.long)])
-def test_a_flipped_bit_anywhere_is_noticed_or_changes_nothing(place, flips):
+def test_flipped_bits(place, flips):
     store, rng = place / "axes.zarr", np.random.default_rng(flips)
     sound = open_sweep(store).compute()
     files = sorted(file for file in store.rglob("*") if file.is_file())
@@ -227,7 +227,7 @@ def test_a_flipped_bit_anywhere_is_noticed_or_changes_nothing(place, flips):
     assert open_sweep(store).compute().identical(sound)
 
 
-def test_files_that_are_not_of_the_store_change_nothing(place):
+def test_foreign_files(place):
     store = place / "axes.zarr"
     before = open_sweep(store).compute()
     for name in (".zgroup", ".zattrs", ".zmetadata", "quaternion/.zarray", "other/zarr.json", "blocks/000/000009.json"):
@@ -249,7 +249,7 @@ UNSEALED = {
 
 @pytest.mark.filterwarnings("ignore::UserWarning")
 @pytest.mark.parametrize("words", UNSEALED)
-def test_what_is_wrong_with_unsealed_metadata_is_reported_in_a_line(place, words):
+def test_unsealed_metadata(place, words):
     store = place / "axes.zarr"
     (store / SEAL).unlink()
     text = (store / "zarr.json").read_text(encoding="utf-8")
@@ -260,7 +260,7 @@ def test_what_is_wrong_with_unsealed_metadata_is_reported_in_a_line(place, words
     assert f"{store}{words}" in told
 
 
-def test_a_result_of_an_order_that_is_gone_is_of_use(place):
+def test_result_of_a_gone_order(place):
     """It plots, is shown and continued; what needs its integrator says what to take."""
     old, how = open_run(place / "run.nc"), {"t_end": 2, "step": 0.25}
     assert json.loads(old.attrs["integrator"]) == {"name": "lie-midpoint", "order": 4}
@@ -275,7 +275,7 @@ def test_a_result_of_an_order_that_is_gone_is_of_use(place):
         resample(old, [0.3])
 
 
-def test_a_result_of_0_1_0_opens_its_seal_checked(place):
+def test_result_of_0_1_0(place):
     body, W = nontwisting([3, 4, 5]), np.array([1.0, 2, 0])
     run = simulate(body, t_end=1, step=0.25, material_angular_velocity=W)
     old = open_run(place / "run.nc")

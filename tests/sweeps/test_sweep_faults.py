@@ -77,7 +77,7 @@ def is_whole(store, serial):
 
 
 @pytest.mark.parametrize("is_killed", [False, pytest.param(True, marks=pytest.mark.long)])
-def test_a_killed_worker_loses_no_block(is_killed, file, tmp_path, serial):
+def test_killed_worker(is_killed, file, tmp_path, serial):
     """Nor one that lives, in a thread."""
     seen = []
     with cluster_of(1, processes=is_killed) as cluster, Client(cluster) as client:
@@ -89,7 +89,7 @@ def test_a_killed_worker_loses_no_block(is_killed, file, tmp_path, serial):
     assert is_whole(tmp_path / "store", serial)
 
 
-def test_an_address_without_a_port_is_refused_and_leaves_no_client(file, tmp_path):
+def test_address_without_port(file, tmp_path):
     with pytest.raises(ValueError, match="port"):
         sweep(file, tmp_path / "store", dask="nowhere")
     with pytest.raises(ValueError, match="No client"):
@@ -97,7 +97,7 @@ def test_an_address_without_a_port_is_refused_and_leaves_no_client(file, tmp_pat
 
 
 @pytest.mark.long
-def test_a_block_that_always_kills_its_worker(file, tmp_path, serial, client):
+def test_block_that_kills_workers(file, tmp_path, serial, client):
     client.register_plugin(Fault(5))
     store, seen = tmp_path / "store", []
     words = r"^1 of 12 blocks could not be computed, the first is 5, members 20 to 23: "
@@ -111,7 +111,7 @@ def test_a_block_that_always_kills_its_worker(file, tmp_path, serial, client):
 
 
 @pytest.mark.long
-def test_workers_that_dask_gave_up_are_started_anew(file, tmp_path, serial, monkeypatch):
+def test_lost_workers_are_replaced(file, tmp_path, serial, monkeypatch):
     """A worker that dies while it is restarted is given up; without any the blocks would wait for ever."""
     monkeypatch.setattr(sweeping, "POLL", 0.1)
     with (
@@ -142,7 +142,7 @@ app()
 
 @pytest.mark.long
 @pytest.mark.parametrize("how", [["--dask", "local"], []])
-def test_a_client_that_is_killed_and_run_again(how, write, tmp_path):
+def test_killed_client(how, write, tmp_path):
     """The client stops when five blocks are done; it is killed; its workers notice, and write what they had in hand."""
     file = write(FILE.replace("samples = 46", "samples = 4000").replace("step = 0.01", "step = 0.001"))
     store = tmp_path / "store"

@@ -82,7 +82,7 @@ EVERY_KIND = [
 
 
 @pytest.mark.parametrize("sampling", ["random", "sobol", "halton"])
-def test_a_member_is_a_function_of_file_and_number(sampling):
+def test_member_by_file_and_number(sampling):
     one = table(over=EVERY_KIND, samples=211, sampling=sampling, seed=3)
     whole = values(one, 0, one.members)
     assert one.members == 3 * 2 * 211
@@ -91,7 +91,7 @@ def test_a_member_is_a_function_of_file_and_number(sampling):
             assert block.tobytes() == whole[key][first:last].tobytes(), (key, first)
 
 
-def test_grids_and_lists_are_a_product_the_last_fastest():
+def test_product_of_grids_and_lists():
     found = values(table(over=EVERY_KIND[:2]), 0, 6)
     np.testing.assert_allclose(found["g"], [1, 1, 10, 10, 100, 100], rtol=1e-15)
     assert found["l"].tolist() == [[1, 2], [3, 4]] * 3
@@ -101,7 +101,7 @@ def test_grids_and_lists_are_a_product_the_last_fastest():
     assert together["l"].tolist() == [7, 7, 8, 8, 9, 9]
 
 
-def test_a_table_without_a_kind_is_a_list():
+def test_table_without_a_kind():
     """And no other kind; one that is none is refused with all."""
     assert table(over=[{"key": "l", "values": [1, 2]}]) == table(over=[{"key": "l", "kind": "list", "values": [1, 2]}])
     with pytest.raises(ValidationError) as told:
@@ -115,7 +115,7 @@ def test_a_table_without_a_kind_is_a_list():
     assert not validator.is_valid({"over": [{"key": "u", "low": 0, "high": 1}]})
 
 
-def test_a_key_draws_the_same_whatever_stands_beside_it():
+def test_draws_are_independent():
     alone, among = table(over=EVERY_KIND[3:4], seed=5), table(over=EVERY_KIND, seed=5)
     assert values(alone, 0, 1)["n"].tobytes() == values(among, 0, 1)["n"].tobytes()
     assert values(table(over=EVERY_KIND[3:4], seed=6), 0, 1)["n"] != values(alone, 0, 1)["n"]
@@ -145,7 +145,7 @@ def test_distributions(sampling):
     assert gap > 3e-3 if sampling == "random" else gap < 2e-3  # of 4096 points: random 1/64, even 1/4096
 
 
-def test_bodies_at_once_are_those_of_one_by_one():
+def test_bodies_at_once():
     held = Body(kind="suslov", inertia=INERTIA, axis=[0.1, 0.2, 1.0])
     axes, J11 = np.random.default_rng(0).normal(size=(9, 3)), np.linspace(2.5, 3.5, 9)
     axes[5:] /= np.linalg.norm(axes[5:], axis=1)[:, None]
@@ -172,7 +172,7 @@ def test_bodies_at_once_are_those_of_one_by_one():
         assert all(words in caught.value.reasons[i] for i, words in reasons.items())
 
 
-def test_a_sweep_ends_where_the_closed_solution_does(write, tmp_path):
+def test_closed_solution(write, tmp_path):
     many = sweep(write(FREE), tmp_path / "free.zarr", workers=2, block=16)
     assert many.sizes["member"] == 50
     assert (many.status == 0).all()
@@ -199,7 +199,7 @@ sweep.over = [{{ key = "{key}", kind = "grid", start = 0.1, end = 0.12, count = 
 """
 
 
-def test_neither_blocks_nor_workers_change_the_hash_and_other_numbers_do(write, tmp_path):
+def test_hash_is_independent_of_blocks(write, tmp_path):
     hashes, longer = [], FREE.replace("t_end = ", "t_end = 1")
     runs = [(FREE, 7, 2), (FREE, 50, 1), (longer, None, 1), (LOADED, 11, 1), (LOADED, 50, 1)]
     for k, (text, block, workers) in enumerate(runs):
@@ -232,7 +232,7 @@ AGAIN = [
 
 
 @pytest.mark.parametrize("text", [*AGAIN[:5], *(pytest.param(text, marks=pytest.mark.long) for text in AGAIN[5:])])
-def test_a_member_runs_again_to_the_same_bits(text, write, tmp_path):
+def test_member_runs_again(text, write, tmp_path):
     """Whether its attitude is fixed or swept."""
     store = tmp_path / "store"
     many = sweep(write(text), store, workers=1)
@@ -249,7 +249,7 @@ def test_a_member_runs_again_to_the_same_bits(text, write, tmp_path):
         sweep_member(store, count)
 
 
-def test_keys_of_any_kind_are_swept_together(write, tmp_path):
+def test_keys_of_any_kind(write, tmp_path):
     """Those that are axes of an ensemble, as a scale of the load, and those that are none."""
     swept = {"load.0.amplitude": [[0, 0, 0], [1, 2, 0]], "integrator.order": [2, 4], "time.t_end": [0.5, 1.0]}
     swept["load.0.scale"] = [-1.0, 0.5]
@@ -266,7 +266,7 @@ def test_keys_of_any_kind_are_swept_together(write, tmp_path):
         np.testing.assert_allclose(run.material_angular_velocity[-1], many.material_angular_velocity[i], atol=1e-13)
 
 
-def test_members_that_fail_do_not_stop_the_others(write, tmp_path, capsys):
+def test_failing_members(write, tmp_path, capsys):
     text = HELD.replace("body.axis.0", "load.0.scale").replace("start = -1.0", "start = 0.0")
     text = text.replace("end = 1.0\ncount = 5", "end = 1e4\ncount = 101")
     many = sweep(write(text + a_list("body.inertia.2.2", [5, 9])), tmp_path / "store", block=101, progress=True)
@@ -290,7 +290,7 @@ def test_members_that_fail_do_not_stop_the_others(write, tmp_path, capsys):
         sweep_member(tmp_path / "store", 1)
 
 
-def test_a_load_of_wrong_numbers_is_a_member_that_fails(tmp_path):
+def test_wrong_load_fails(tmp_path):
     spring = Problem(standard([1, 2, 2.5]), t_end=1, step=0.1, load=nt.spring(1.0, (0, 0, 1), (0, 0, 2)))
     many = sweep(spring, tmp_path / "store", over={"load.0.stiffness": [-1.0, 1.0]})
     assert many.status.values.tolist() == [-1, 0]
@@ -298,7 +298,7 @@ def test_a_load_of_wrong_numbers_is_a_member_that_fails(tmp_path):
         sweep_member(tmp_path / "store", 0)
 
 
-def test_all_refused_is_reported_before_anything_is_written(write, tmp_path):
+def test_all_members_refused(write, tmp_path):
     text = HELD.replace("project = true", "project = false")
     with pytest.raises(RunFileError, match=r"spin|project"):
         sweep(write(text), tmp_path / "store")
@@ -337,7 +337,7 @@ def test_interrupted_and_run_again(write, tmp_path, monkeypatch):
     assert whole == parts is not None
 
 
-def test_blocks_that_fail_are_retried_and_reported(write, tmp_path, monkeypatch):
+def test_failing_blocks(write, tmp_path, monkeypatch):
     sound, calls = SweepStore.compute, []
 
     def unlucky(self, k):
@@ -357,7 +357,7 @@ def test_blocks_that_fail_are_retried_and_reported(write, tmp_path, monkeypatch)
     assert (sweep(write(FREE), tmp_path / "store").status == 0).all()
 
 
-def test_after_many_failures_no_block_is_begun(write, tmp_path, monkeypatch):
+def test_many_failures(write, tmp_path, monkeypatch):
     calls = []
     monkeypatch.setattr(SweepStore, "compute", lambda self, k: calls.append(k) or 1 / 0)
     with pytest.raises(SweepError, match="ZeroDivisionError"):
@@ -365,7 +365,7 @@ def test_after_many_failures_no_block_is_begun(write, tmp_path, monkeypatch):
     assert len(calls) < 20
 
 
-def test_a_second_client_and_another_file_are_refused(write, tmp_path):
+def test_second_client_is_refused(write, tmp_path):
     file, store = write(FREE), tmp_path / "store"
     with locked(store, str(store)), pytest.raises(BlockingIOError, match="another process is writing"):
         sweep(file, store)
@@ -384,7 +384,7 @@ def test_a_second_client_and_another_file_are_refused(write, tmp_path):
             sweep(one, tmp_path / place, **how)
 
 
-def test_at_most_100_bytes_a_member(write, tmp_path):
+def test_bytes_of_a_member(write, tmp_path):
     text = FREE.replace("order = 8", 'name = "exact"').replace("time.step = 0.025\n", "").replace("= 50", "= 20000")
     store = tmp_path / "store"
     sweep(write(text), store)
@@ -392,7 +392,7 @@ def test_at_most_100_bytes_a_member(write, tmp_path):
     assert 57 * 20000 < size < 60 * 20000
 
 
-def test_blocks_are_neither_long_nor_large():
+def test_size_of_blocks():
     for case in ((10**8, 1e-7, 57, 2), (10**6, 1e-3, 57, 1000), (10**4, 4.0, 57, 2), (10**8, 1e-6, 5000, 8)):
         block, (_, each, size, _) = _block(*case), case
         assert block == 1 or block * each <= LONGEST
@@ -448,7 +448,7 @@ WRONG = [
 
 
 @pytest.mark.parametrize("change", WRONG)
-def test_what_is_wrong_with_a_table(change, write):
+def test_table_errors(change, write):
     with says(RunFileError):
         read_run_file(write(HELD), [change])
 
@@ -477,7 +477,7 @@ def test_several_errors_at_once(write):
     read_run_file(write(stepless), [f"time.step={step}", f"integrator.order={order}"])
 
 
-def test_the_file_says_the_same_when_it_is_read_again(write):
+def test_file_is_read_again(write):
     for text in (FREE, HELD):
         first = read_run_file(write(text))
         assert read_run_file(write(first.text(), "again.toml")).text() == first.text()
@@ -552,7 +552,7 @@ PROPOSED = {
 
 
 @pytest.mark.usefixtures("here", "undrawn")
-def test_the_figure_that_is_proposed_says_something(write):
+def test_proposed_figure(write):
     for name, variables in PROPOSED.items():
         text = HELD.replace("[sweep]", f"[sweep]\nvariables = {json.dumps(variables)}")
         sweep(write(text), f"{name}.zarr", workers=1)
@@ -567,7 +567,7 @@ def test_the_figure_that_is_proposed_says_something(write):
 
 
 @pytest.mark.usefixtures("here", "undrawn")
-def test_what_is_proposed_varies_and_bars_mark_a_length(write):
+def test_proposed_variable(write):
     over = {"body.inertia": [np.diag([3, 4, J]) for J in (5, 6)], "start.angular_velocity.body": [[0, 0, 1], [0, 0, 2]]}
     path = write(FREE + '[[load]]\nkind = "wheel"\naxis = "z"\ninertia = 0.1\nspeed = -100\n')
     sweep(path, "w.zarr", over=over, combine="together", variables=["wheel_speed"], workers=1)
@@ -579,7 +579,7 @@ def test_what_is_proposed_varies_and_bars_mark_a_length(write):
     assert (ax.collections[0].get_offsets()[:, 1] < -90).all()
 
 
-def test_figures_of_grids_with_equal_ratios_have_logarithmic_axes(write, tmp_path):
+def test_logarithmic_axes(write, tmp_path):
     """Cells end half way between the values, on the scale of the axis."""
     free = FREE[: FREE.index("samples")] + 'variables = ["kinetic_energy"]\n'
     over = '{ key = "load.0.coefficient", kind = "grid", start = 0.01, end = 10, count = 4, spacing = "log" }'
@@ -600,7 +600,7 @@ def test_figures_of_grids_with_equal_ratios_have_logarithmic_axes(write, tmp_pat
 
 
 @pytest.mark.parametrize("deviation", [4e-4, *(pytest.param(one, marks=pytest.mark.long) for one in (2e4, 3e-7, 0.1))])
-def test_labels_of_figures_name_columns_and_those_of_ticks_do_not_touch(deviation, write, tmp_path):
+def test_labels_do_not_touch(deviation, write, tmp_path):
     """Components are called as in the exported table; ticks are measured in the file that is written."""
     keys = ["start.angular_velocity.space.0", "start.angular_velocity.space.2"]
     over = ", ".join(f'{{ key = "{key}", kind = "normal", mean = 0.0, deviation = {deviation} }}' for key in keys)
@@ -622,7 +622,7 @@ def test_labels_of_figures_name_columns_and_those_of_ticks_do_not_touch(deviatio
         assert all(left.x1 + 2 < right.x0 for left, right in pairwise(boxes))
 
 
-def test_the_example_of_a_sweep_ends_where_the_closed_form_says(here):
+def test_example_closed_form(here):
     said(nontwist("example", "sweep").stderr)
     ended(0, "sweep", "sweep.toml", "--set", "sweep.samples=64", "--quiet")
     many = open_sweep("sweep.zarr").compute()
@@ -634,7 +634,7 @@ def test_the_example_of_a_sweep_ends_where_the_closed_form_says(here):
         assert np.abs(W - ends).max() < 2e-5
 
 
-def test_torques_of_two_wheels_vary_together(tmp_path):
+def test_two_wheel_torques(tmp_path):
     """Members are runs of their own, and both wheels take the body's momentum with them: |π| is that of the start."""
 
     def wheels(one, other):
@@ -654,7 +654,7 @@ def test_torques_of_two_wheels_vary_together(tmp_path):
     assert np.array_equal(sweep(problem, tmp_path / "store", over=over, **table).status, [0, 0, 0])
 
 
-def test_what_varies_in_python_is_checked_as_in_a_file(tmp_path):
+def test_python_values_are_checked(tmp_path):
     problem = Problem(standard([3, 4, 5]), t_end=1, step=0.5, material_angular_velocity=(1, 2, 3))
     velocity, t_end = "start.angular_velocity.body.0", {"time.t_end": [2.0]}
     for over, words, *table in (
@@ -688,7 +688,7 @@ def test_what_varies_in_python_is_checked_as_in_a_file(tmp_path):
     assert not (tmp_path / "none").exists()
 
 
-def test_a_store_of_other_values_is_told_by_those_that_differ(tmp_path):
+def test_store_of_other_values(tmp_path):
     problem, key = Problem(standard([3, 4, 5]), t_end=1, step=0.5), "start.angular_velocity.body.0"
     numbers = range(500)
     sweep(problem, tmp_path / "store", over={key: numbers}, variables=["kinetic_energy"])
@@ -699,7 +699,7 @@ def test_a_store_of_other_values_is_told_by_those_that_differ(tmp_path):
 
 
 @pytest.mark.parametrize(("name", "values"), [("mass", [1.5, 2.0]), ("centre_of_mass", [[0, 0, 0.6], [0.1, 0, 0.5]])])
-def test_the_weight_of_a_top_made_in_python_is_swept_from_what_was_given(name, values, tmp_path):
+def test_weight_of_a_top(name, values, tmp_path):
     how = {"t_end": 1, "step": 0.05, "material_angular_velocity": (1, 2, 3)}
     own = {"inertia": [2.0, 2.2, 1.0], "mass": 1.5, "centre_of_mass": [0, 0, 0.6], "gravity": [0, 0, -1.6]}
     over, kept = {f"body.{name}": values}, ["kinetic_energy"]
@@ -710,7 +710,7 @@ def test_the_weight_of_a_top_made_in_python_is_swept_from_what_was_given(name, v
         sweep(Problem(nt.DirectorSystem.from_json(heavy_top(**own).to_json()), **how), tmp_path / "none", over=over)
 
 
-def test_averages_are_those_of_an_ensemble_from_its_start(tmp_path):
+def test_averages_equal_an_ensemble(tmp_path):
     how = {"t_start": 1.0, "t_end": 3.0, "step": 0.1, "integrator": "gauss"}
     problem, spins = Problem(standard([3, 4, 5]), **how, material_angular_velocity=(1.0, 2.0, 0.0)), [0.1, 0.5, 2.0]
     many = sweep(problem, tmp_path / "s", over={"start.angular_velocity.body.2": spins}, reduce=["averages"])

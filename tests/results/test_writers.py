@@ -93,7 +93,7 @@ def test_refusals_come_before_the_work(folder, monkeypatch):
     for place in (
         "paper.tables.simulate",
         *("compare", "validate", "view", "open_run", "read_motion", "sweep_member", "simulate"),
-        "sweeps.reading.draw",
+        "sweeps.opening.draw",
     ):
         monkeypatch.setattr(f"nontwist.{place}", worked)
     for name in WRITERS.keys() - PYTHON - {"example"}:

@@ -108,7 +108,7 @@ def unchecked(scheme: Integrator, problem: IVP, threads: int = 1) -> Outcome:
     """Integrate a problem, one with wheels as that of gyrostats, member by member."""
     if not problem.load.wheels:
         return scheme.march(problem, threads)
-    whole, are_alike = with_works(problem), problem.wheel_torque is None
+    whole, are_alike = with_works(problem), problem.wheel_torque is None  # then of all at once, which is quicker
 
     def march_one(one: IVP) -> Outcome:
         found = scheme.march(as_gyrostat(one))

@@ -12,7 +12,7 @@ from inspect import signature
 from numbers import Integral
 from pathlib import Path
 from types import ModuleType
-from typing import Any, NoReturn, TypeVar
+from typing import Any, TypeVar
 
 _LONGEST_REPR = 80  # characters of a value in a message
 T = TypeVar("T", bound=type)
@@ -191,12 +191,8 @@ class PublicModule(ModuleType):
         has = f"; {hint}it has {', '.join(known)}" if known else ""
         raise AttributeError(f"module {self.__name__!r} has no attribute {name!r}{has}")
 
-    def __call__(self, *arguments: Any, **keywords: Any) -> NoReturn:
-        """Raise a TypeError that names functions."""
-        package, own = self.__name__.partition(".")[0], self.__name__.rpartition(".")[2]
-        modules = {name.rpartition(".")[2] for name in sys.modules if name.startswith(f"{package}.")}
-        near = guess(own, sorted({*dir(sys.modules[package])} - modules)).replace("mean ", f"mean {package}.")
-        raise TypeError(f"{own} is a module, not a function; {near}it has {', '.join(dir(self))}")
+
+PublicModule.__name__ = "module"  # what Python says that it is, where one is called
 
 
 def public(name: str) -> None:
@@ -247,6 +243,6 @@ def as_path(value: Any, name: str) -> Path:
 
 def as_function(value: Any, name: str) -> Callable[..., Any]:
     """Return `value`; a ValueError where it cannot be called."""
-    if not callable(value) or isinstance(value, ModuleType):
+    if not callable(value):
         raise ValueError(f"{name} must be a function, got {short_repr(value)}")
     return value

@@ -280,7 +280,7 @@ def _angles(
             by_name = tuple(axes[letter] for letter in letters.upper())
             orders = permutations(three) if how.euler in (None, letters) else ()
             forms += [(letters, order) for order in (by_name, *orders)]
-    readings = []
+    readings, grid = [], _grid(table.vectors(three)) / 2  # in quaternions
     for (letters, order), one in product(dict.fromkeys(forms), ("rad", "deg") if is_decided else (unit,)):
         is_stated = is_form and (letters, order) == (how.euler, three)
         is_free = is_stated or (how.euler in (None, letters) and not (is_named and how.euler))
@@ -289,9 +289,8 @@ def _angles(
         words = f"orientation: {words}, {one}: {', '.join(order)}"
         unlike = is_named and headers.angles(three, letters or "") not in (None, order)
         make = partial(_of_angles, table.vectors(order), letters, one == "deg")
-        grid = _grid(table.vectors(three)) * (np.radians(1) if one == "deg" else 1) / 2  # of quaternions
-        is_allowed = is_free and told in (None, one)
-        readings.append(Reading(words, make, is_stated and one == unit, is_allowed, unlike=unlike, grid=grid))
+        is_allowed, own = is_free and told in (None, one), np.radians(grid) if one == "deg" else grid
+        readings.append(Reading(words, make, is_stated and one == unit, is_allowed, unlike=unlike, grid=own))
     return readings
 
 

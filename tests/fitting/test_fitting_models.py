@@ -543,7 +543,7 @@ def of_spun(columns=3, thin=1, **changed):
     return lambda: nt.fit_inertia(given, rotor={k: x for k, x in settings.items() if x is not None}, **more)
 
 
-test_rotors_that_are_none_are_refused = refused_as(
+test_wrong_rotors = refused_as(
     {
         "no axis": of_spun(axis=(0, 0, 0)),
         "no inertia": of_spun(inertia=0),

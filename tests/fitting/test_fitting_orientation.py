@@ -159,7 +159,7 @@ def wandering():
     return np.arange(200) / 100, Rotation.from_rotvec(np.cumsum(steps, axis=0))
 
 
-test_what_attitudes_cannot_tell_is_refused = refused_as(
+test_attitudes_cannot_tell = refused_as(
     {
         "no interval": of_flight("ta"),
         "an unknown word": of_flight("tv", orientation="too"),

@@ -97,7 +97,7 @@ def of_flight(*which, **how):
     return lambda: whole(tuple(flight()[k] for k in which or (0, 1)), **how)
 
 
-test_what_a_recording_cannot_tell_is_refused = refused_as(
+test_recording_cannot_tell = refused_as(
     {
         "delay": of_flight(delay="fit"),
         "misalignment": of_flight(misalignment="fit"),

@@ -77,7 +77,7 @@ def asked(body, t_end=1, nodes=8):
     return lambda: least_effort(body, EYE, SKEW, t_end=t_end, nodes=nodes)
 
 
-test_other_bodies_and_numbers_are_refused = refused_as(
+test_wrong_bodies_and_numbers = refused_as(
     {
         "standard": asked(standard(J)),
         "suslov": asked(suslov(J, (1, 0, 1))),

@@ -185,7 +185,7 @@ def called(params):
     return lambda: function(nt.standard(J), load=nt.sine(PEAK, 0.7) + nt.sine(PEAK, 0.3), **GRID)(params)
 
 
-test_wrong_parameters_and_plans_are_refused = refused_as(
+test_wrong_parameters_and_plans = refused_as(
     {
         "unknown": called({"inertai": J}),
         "two terms": called({"sine": PEAK}),

@@ -66,7 +66,7 @@ def test_failing_run():
 
 
 BODY, PLAN = nontwisting([3, 4, 5]), {"t_end": 1, "step": 0.1}
-test_wrong_starts_and_plans_are_refused = refused_as(
+test_wrong_starts_and_plans = refused_as(
     {
         "shape": lambda: propagator(BODY, **PLAN)(material_angular_velocity=(1, 2)),
         "scale": lambda: propagator(BODY, **PLAN)(load_scale="twice"),

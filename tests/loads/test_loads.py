@@ -109,7 +109,7 @@ def test_unsorted_times_are_named():
         nt.body_moment([0, 1, 2, 1, 3], np.zeros((5, 3)))
 
 
-test_refused_with_the_time_or_the_value = refused_as(
+test_refused_with_time_or_value = refused_as(
     {
         "raises": lambda: nt.body_moment(lambda t: (1 / (t - 2), 0, 0)).sample([1, 2.0], "body"),
         "shape": lambda: nt.body_moment(lambda t: (0, 0)).sample([0.5], "body"),

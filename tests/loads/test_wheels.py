@@ -471,7 +471,7 @@ def test_member_torques_are_numbers(value, code, fields):
         nt.simulate_ensemble(nt.standard(J), t_end=1, load=SKEW, wheel_torque=value)
 
 
-test_torques_that_belong_to_no_wheel_of_a_member_are_refused = refused_as(
+test_wrong_member_torques = refused_as(
     [
         lambda: nt.simulate_ensemble(nt.standard(J), t_end=1, wheel_torque=[1], load=nt.damping(1)),
         lambda: nt.simulate_ensemble(nt.standard(J), t_end=1, wheel_torque=[1, 2, 3], load=SKEW),

@@ -288,7 +288,7 @@ def observed(function):
         simulate(BRICK, t_end=1, step=0.5)
 
 
-test_what_is_wrong_with_an_observable_is_named = refused_as(
+test_wrong_observable = refused_as(
     {
         "of the package": lambda: OBSERVABLES.update(kinetic_energy=Observable(rising, "J", "energy", "K")),
         "not a name": lambda: OBSERVABLES.update({"nutation angle": Observable(rising, "rad", "angle", "θ")}),
@@ -441,7 +441,7 @@ def test_strict_types_of_pages(tmp_path):
     assert done.returncode == 0, done.stdout
 
 
-test_what_an_entry_lacks_is_named = refused_as(
+test_incomplete_entry = refused_as(
     {
         "key": lambda: BodyKind(strange, "disc", {}),
         "inertia": lambda: BodyKind(lambda axis: axis, "disc", {}),

@@ -45,7 +45,7 @@ REFUSED = {
 }
 
 
-test_what_is_no_number_is_refused = refused_as({name: partial(nt.standard, value) for name, value in REFUSED.items()})
+test_no_number = refused_as({name: partial(nt.standard, value) for name, value in REFUSED.items()})
 
 
 def test_dates_are_twist_times():
@@ -95,7 +95,7 @@ def test_extended_precision_overflow():
         as_array(np.array([1, np.longdouble("1e4000")]), "W", (2,))
 
 
-test_each_wrong_thing_is_a_value_error_that_says_what_is_taken = refused_as(
+test_wrong_things = refused_as(
     [
         lambda: nt.simulate(BODY, t_end=1, load=3),
         lambda: nt.Load((3,)),
@@ -127,7 +127,7 @@ test_each_wrong_thing_is_a_value_error_that_says_what_is_taken = refused_as(
 )
 
 
-test_a_damaged_run_is_refused_in_words = refused_as(
+test_damaged_run = refused_as(
     [
         lambda: nt.resample(run().drop_vars("directors"), [0.1]),
         lambda: nt.resample(run().drop_attrs(), [0.1]),

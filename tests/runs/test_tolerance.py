@@ -139,7 +139,7 @@ WRONG += [{"tolerance": 1e-6, "integrator": name} for name in ("exact", "continu
 test_what_is_refused = refused_as([lambda how=how: nt.integrate(BODY, t_end=1, **GAUSS | how, **W) for how in WRONG])
 
 
-test_long_runs_name_the_outputs_that_are_possible = refused_as(
+test_possible_outputs_of_long_runs = refused_as(
     {
         "figures": lambda: nt.simulate(nt.standard([1, 1, 2]), t_end=1e6, material_angular_velocity=(0.1, 0, 1)),
         "inertias": lambda: nt.simulate_ensemble(

@@ -332,17 +332,18 @@ def _around_gaps(p: Array, h: Array) -> Array:
     """Return by how much a body turns in gaps of the samples at the speed around them: of `NEAR` steps, the lower."""
     least, last = np.zeros_like(h), len(h)
     gaps = np.flatnonzero(h > GAP * np.median(h))
-    for k in gaps:
+    for k in map(int, gaps):
         sides = [(max(k - NEAR, 0), k), (k + 1, min(k + 1 + NEAR, last))]
-        spans = [(_between(p[i : i + 1], p[j : j + 1])[0], h[i:j].sum()) for i, j in sides if i < j]
-        least[k] = min((turned / lasts * h[k] for turned, lasts in spans), default=0.0)
+        speeds = [float(_between(p[i : i + 1], p[j : j + 1])[0] / h[i:j].sum()) for i, j in sides if i < j]
+        least[k] = min(speeds, default=0.0) * h[k]
     return least
 
 
 def _warn_of_jumps(turn: Array, h: Array, data: Samples) -> None:
     """Warn of steps that are far faster than all but one of the three before and behind: a reset, or a wild sample."""
     rate = turn / h
-    around = h * np.sort([np.roll(np.pad(rate, 3), k)[3:-3] for k in (-3, -2, -1, 1, 2, 3)], axis=0)[-2]
+    near = np.stack([np.roll(np.pad(rate, 3), k)[3:-3] for k in (-3, -2, -1, 1, 2, 3)])
+    around: Array = h * np.sort(near, axis=0)[-2]
     usual = float(np.quantile(turn, 0.99, method="lower"))
     jumps = np.flatnonzero(turn > np.maximum(JUMP * around, max(SEEN, 2 * usual)))
     if jumps.size:

@@ -17,6 +17,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO
 
+from ..errors import ExistingFileError
+
 # Refusal of files that are not regular: reading a FIFO blocks, some devices never end; and how much memory is free.
 
 KINDS = ((stat.S_ISFIFO, "a FIFO"), (stat.S_ISCHR, "a device"), (stat.S_ISBLK, "a device"), (stat.S_ISSOCK, "a socket"))
@@ -82,7 +84,7 @@ def reserved_path(path: str | os.PathLike[str], *, force: bool = False) -> Itera
         raise OSError(f"{path} is not a file that could be replaced; choose another name")
     with locked(place, str(path)):
         if place.exists() and not force:
-            raise FileExistsError(f"{path} exists; choose another name, or overwrite it: --force (force=True)")
+            raise ExistingFileError("exists", path=path)
         yield place
 
 

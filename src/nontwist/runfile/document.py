@@ -270,9 +270,9 @@ def with_loads(file: RunFile, loads: list[LoadSection]) -> RunFile:
 
 def read_run_file(path: str | os.PathLike[str], overrides: Iterable[str] = ()) -> RunFile:
     """Read and check a run file without running it; parameters and errors as `nontwist.Problem.read`."""
-    path, texts = as_path(path, "path"), as_list(overrides, "overrides")
+    path, texts = as_path(path, "path"), as_list(overrides, "set")
     if wrong := [text for text in texts if not isinstance(text, str)]:
-        raise ValueError(f"overrides must be strings 'key=value', got {in_python(wrong[0])}")
+        raise ValueError(f"set must be strings 'key=value', got {in_python(wrong[0])}")
     require_regular(path)
     with path.open("rb") as file:
         data = document(str(path), file.read(LARGEST + 1), path.stat().st_size)

@@ -19,7 +19,7 @@ from typing import BinaryIO
 
 from ..errors import ExistingFileError
 
-# Refusal of files that are not regular: reading a FIFO blocks, some devices never end; and how much memory is free.
+# Refusal of files that are not regular: reading a FIFO blocks, some devices never end.
 
 KINDS = ((stat.S_ISFIFO, "a FIFO"), (stat.S_ISCHR, "a device"), (stat.S_ISBLK, "a device"), (stat.S_ISSOCK, "a socket"))
 
@@ -30,18 +30,6 @@ def require_regular(path: str | os.PathLike[str]) -> None:
     for is_kind, name in KINDS:
         if is_kind(mode):
             raise OSError(errno.EINVAL, f"it is {name}, not a regular file; copy its content into a file", str(path))
-
-
-def free_memory() -> int:
-    """Return the memory that can be taken without swapping, in bytes, within the limits of a container."""
-    import psutil
-
-    free: int = psutil.virtual_memory().available
-    try:
-        limit, used = (Path(f"/sys/fs/cgroup/memory.{name}").read_text(encoding="ascii") for name in ("max", "current"))
-        return min(free, max(int(limit) - int(used), 0))
-    except (OSError, ValueError):  # no container, or "max": no limit
-        return free
 
 
 @contextmanager

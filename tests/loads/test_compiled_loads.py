@@ -3,8 +3,10 @@
 C functions have the bits of the same function in Python compiled, in every way to run a body.
 """
 
+import contextlib
 import ctypes
 import functools
+import itertools
 import math
 import pickle
 import random
@@ -13,6 +15,8 @@ import shutil
 import subprocess
 import sys
 from math import sin
+from random import uniform
+from time import perf_counter
 
 import mpmath
 import numpy as np
@@ -27,6 +31,8 @@ from refusals import refused_as
 DOUBLES = ctypes.POINTER(ctypes.c_double)
 TABLE = np.array([[0.0, 1.0, 3.0], [2.0, -1.0, 4.0]])
 WEIGHTS = [0.3, 0.7]
+NESTED = {"a": [1.0]}
+COUNT = itertools.count()
 memory = {"calls": 0}
 calls = 0
 rng = np.random.default_rng(7)
@@ -111,13 +117,39 @@ class Coil:
         self.factor = factor
 
     def moment(self, t, d, w):
-        return self.factor * np.maximum(w, t)
+        return self.factor * np.maximum(w, t) + self.wave(t) * len(self)
+
+    def wave(self, t):
+        return math.sin(t)
+
+    def __len__(self):
+        return 2 if isinstance(self, Coil) and type(self) is Coil else 3
 
     def __call__(self, t, d, w):
         return self.moment(t, d, w) * 2
 
 
-FINE = (arrays, assigned, mutated, mathematics, switched, reductions, periodic, tables, outside, products)
+def chosen(t, d, w):
+    is_long = (w > -0.5) * (w < 1.0)
+    m = np.divide(1.0, w, out=np.zeros(3), where=np.abs(w) > 0.3)
+    return m + is_long * np.any(w > 0) + np.sum(w > 0) * np.all(is_long) + max(0.0, np.sqrt(w[0]))
+
+
+def doubles(t, d, w):
+    x = np.array([t, w[0], 1], dtype=w.dtype) + np.zeros(3, float) + np.var(w) + np.sum(w, dtype=float)
+    is_known = w.dtype.kind == "f" and type(t) is float and np.isscalar(t)
+    return x + math.log(2 + t * t, 3 + w[1] ** 2) if is_known else -x
+
+
+def functions(t, d, w, name="cosine", known=(math.tanh, math.atan)):
+    return known[0](t), KNOWN[name](w[0]), KNOWN["list"][0](np.sin(w[1]))
+
+
+KNOWN = {"cosine": math.cos, "list": [lambda x: x * math.sinh(0.1 * x)]}
+
+
+FINE = (arrays, assigned, mutated, mathematics, switched, reductions, periodic, tables, outside, products, chosen)
+FINE += (doubles, functions)
 FINE = {f.__name__: f for f in FINE} | {
     "helpers": lambda t, d, w: (helper(w[0]), helper(w[1], 3, factor=2.0), helper(abs(w[2]), power=1.5) + helper(t, 0)),
     "whole numbers": lambda t, d, w: (True, 2, 3 * t),
@@ -197,6 +229,53 @@ def long(t, d, w):
     return w
 
 
+def remembering(t, d, w, known=[]):  # noqa: B006
+    known.append(t)
+    return w * len(known)
+
+
+def within(t, d, w):
+    def inner():
+        global calls
+        calls = calls + 1
+
+    inner()
+    return w
+
+
+def careful(t, d, w):
+    try:
+        return math.sqrt(t) * w
+    except ValueError:
+        return 0 * w
+
+
+def careless(t, d, w):
+    with contextlib.suppress(Exception):
+        if t > 1:
+            w = -w
+    return w
+
+
+def single(t, d, w):
+    m = np.zeros(3, np.float32)
+    m[0] = t
+    return m
+
+
+class Recorder:
+    def __init__(self):
+        self.history, self.integral = [], np.zeros(3)
+
+    def record(self, t, d, w):
+        self.history.append(t)
+        return w
+
+    def integrate(self, t, d, w):
+        self.integral[0] += 1.0
+        return w + self.integral
+
+
 class Counter:
     calls = 0
 
@@ -234,6 +313,26 @@ REFUSED = {  # the function, the line after its first, what is said
     "a list": (lambda t, d, w: WEIGHTS.append(t) or w, 0, "a list outside the function is changed: use"),
     "random numbers": (lambda t, d, w: w * random.random(), 0, "random.random gives something else at each call"),
     "an index": (lambda t, d, w: TABLE[0][int(t)] * w, 0, "it needs the time or the state as a plain number"),
+    "random numbers by name": (lambda t, d, w: w * uniform(0, 1), 0, "random.uniform gives something else at each"),
+    "a generator": (lambda t, d, w: w * rng.normal(), 0, "Generator.normal gives something else at each call"),
+    "the time of day": (lambda t, d, w: w * perf_counter(), 0, "time.perf_counter gives something else at each call"),
+    "an iterator": (lambda t, d, w: w * next(COUNT), 0, "itertools.count gives something else at each call"),
+    "print, by another name": (lambda t, d, w, show=print: (show(t), 0, w[0]), 0, "print() happens when Python calls"),
+    "a list in a dictionary": (lambda t, d, w: NESTED["a"].append(t) or w, 0, "a list outside the function is changed"),
+    "a default": (remembering, 1, "a list outside the function is changed"),
+    "a list of an object": (Recorder().record, 1, "a list outside the function is changed"),
+    "an array of an object": (Recorder().integrate, 1, "assignment destination is read-only"),
+    "a global number, within": (within, 3, f"calls {KEPT}"),
+    "an exception": (careful, 3, "it catches exceptions, which what is compiled does not raise"),
+    "an exception of ours": (careless, 2, BRANCH),
+    "text": (lambda t, d, w: w * len(str(t)), 0, "it needs the time or the state as a plain number"),
+    "integers": (lambda t, d, w: np.array(w, dtype=int), 0, "traced numbers cannot become int64"),
+    "integers, by position": (lambda t, d, w: np.full(3, t, int), 0, "traced numbers cannot become int64"),
+    "single precision": (lambda t, d, w: w.astype(np.float32), 0, "traced numbers cannot become float32"),
+    "a sum of integers": (lambda t, d, w: np.sum(w, dtype=int) * w, 0, "traced numbers cannot become int64"),
+    "an array of single precision": (single, 2, "it needs the time or the state as a plain number"),
+    "a sum of conditions": (lambda t, d, w: ((w > 0) + (w > 1)) * w, 0, "the sum of two conditions is one in NumPy"),
+    "a falling table": (lambda t, d, w: np.interp(t, [1, 0], [0, 1]) * w, 0, "places of np.interp must not decrease"),
     "long loops": (long, 2, "its loops are written out, which takes more than 30000 operations"),
     "an unknown name": (lambda t, d, w: nowhere * w, 0, "NameError: name 'nowhere' is not defined"),  # noqa: F821
 }
@@ -243,13 +342,13 @@ REFUSED = {  # the function, the line after its first, what is said
 def test_refused_with_the_line(name):
     function, line, words_of_it = REFUSED[name]
     code = getattr(function, "__code__", None) or type(function).__call__.__code__
-    before = (list(WEIGHTS), dict(memory), calls)
+    before = (list(WEIGHTS), dict(memory), calls, repr(NESTED))
     with pytest.raises(ValueError, match="cannot be compiled: ") as info:
         moment(function, compiled=True)
     assert words_of_it in str(info.value)
     assert f"({__file__}, line {code.co_firstlineno + line})" in str(info.value)
     assert info.value.__cause__ is not None
-    assert before == (WEIGHTS, memory, calls)
+    assert before == (WEIGHTS, memory, calls, repr(NESTED))
 
 
 def test_compiled_once():

@@ -235,8 +235,6 @@ def worth(fit: Fit) -> list[InputWarning]:
 
 
 def _wide(fit: Fit) -> str:
-    if fit.solution.slow_noise is None:
-        return "the intervals are too narrow"
     if has_intervals(fit.solution):
         return "the intervals allow for it"
     return f"only {fit.effective_samples:.2g} of {fit.residual.size} samples count: no intervals"

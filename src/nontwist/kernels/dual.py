@@ -6,7 +6,7 @@ import operator
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from .elements import BY_FUNCTIONS, ORDERS, SLOPES, Derived, fma, mapped, remade, select
+from .elements import BY_FUNCTIONS, ORDERS, SLOPES, Derived, Mask, fma, mapped, real, remade, select
 
 
 class Dual(Derived):
@@ -44,6 +44,8 @@ class Dual(Derived):
             return getattr(operator, name)(v, w)
         if not (_is_plain(v) and _is_plain(w)) or (_is_array(w if self is a else v) and not _is_array(self.value)):
             return NotImplemented
+        if isinstance(v, Mask) or isinstance(w, Mask):
+            a, b = (real(x) if isinstance(x, Mask) else x for x in (a, b))
         if name in SLOPES:
             return self.through(getattr(operator, name), SLOPES[name], (a, b))
         if name != "truediv":

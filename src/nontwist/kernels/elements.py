@@ -54,6 +54,8 @@ class Number:
     def __pos__(self) -> Any:
         return self
 
+    conjugate = __pos__
+
 
 class Traced(Number):
     """A value that is known when the code runs.
@@ -120,6 +122,11 @@ class Traced(Number):
             return NotImplemented
         return BY_FUNCTIONS.get(name, getattr(operator, name))(real(a), real(b))
 
+    def __repr__(self) -> str:
+        if tracer() is None:
+            return object.__repr__(self)
+        raise TraceError(writer().converting)
+
     def __bool__(self) -> bool:
         raise TraceError(writer().branching)
 
@@ -134,6 +141,16 @@ class Mask(Traced):
 
     __slots__ = ()
     scalar, words, plain, lines = "i1", "mask: compare numbers", (bool, np.bool_), OF_MASKS
+
+    def combined(self, name: str, a: Any, b: Any) -> Any:
+        """Return what an operator gives: the product of two is a mask, as in NumPy."""
+        if type(a) is type(b) and name in ("add", "mul"):
+            if name == "add":
+                raise TraceError(
+                    "the sum of two conditions is one in NumPy, and 2 in Python: use np.logical_or, or 1.0 *"
+                )
+            return a & b
+        return super().combined(name, a, b)
 
     def __invert__(self) -> Any:
         return written("xor", Mask, self, True)

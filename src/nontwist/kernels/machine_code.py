@@ -162,7 +162,9 @@ class TraceError(TypeError):
     """
 
     def __init__(self, why: str, place: tuple[str, int] | None = None) -> None:
-        self.why, self.place = why, place
+        self.why, self.place, found = why, place, tracer()
+        if found is not None:
+            found.refusals.append(self)
         super().__init__(f"{why} ({_line_of_text()})")
 
 
@@ -221,6 +223,8 @@ class Tracer:
         Names of the parts that were traced, by what they were traced for; None while that lasts.
     keepalive : list
         What must live as long as the machine code.
+    refusals : list of TraceError
+        All that was refused, also where the text has caught it.
     branching, converting : str
         What is said where Python would branch on a traced number, or ask for its value.
     """
@@ -236,6 +240,7 @@ class Tracer:
         self.lanes, self.is_fused = lanes, is_fused
         self.made: dict[Any, Any] = {}
         self.keepalive: list[Any] = []
+        self.refusals: list[TraceError] = []
         self._declared: dict[str, None] = {}
         self._functions: list[str] = []
         self._open: list[Function] = []
@@ -368,8 +373,8 @@ def width() -> int:
 
 
 @contextmanager
-def tracing(into: Tracer) -> Iterator[Tracer]:
-    """Let the texts of this thread write into a module."""
+def tracing(into: Tracer | None) -> Iterator[Tracer | None]:
+    """Let the texts of this thread write into a module; into none they compute."""
     before, _local.tracer = tracer(), into
     try:
         yield into

@@ -2,7 +2,8 @@
 
 What a function finds under a name, global, built in or in a closure, is fixed when it is traced. NumPy and `math` are
 then functions of traced numbers, those in Python are traced like the function itself, lists and arrays cannot be
-changed. What would be lost without a word is refused: what is kept between calls, printed, or random.
+changed, nor what objects hold. What would be lost without a word is refused: what is kept between calls, printed,
+random, or rounded to another type, and exceptions that are caught.
 
 NumPy's own arrays hold any objects, and most of its functions work on them by the operators of the entries. Here are
 the others: functions of one or two numbers, comparisons, and those that branch on what they are given.
@@ -13,8 +14,14 @@ from __future__ import annotations
 import builtins
 import dis
 import math
+import numbers as numbers_of_python
+import sys
+from collections import deque
 from collections.abc import Callable
+from enum import Enum
 from functools import cache, lru_cache, partial, reduce, wraps
+from itertools import pairwise
+from pathlib import Path
 from traceback import walk_tb
 from types import BuiltinFunctionType, CellType, CodeType, FunctionType, MethodType, ModuleType
 from typing import Any, NoReturn
@@ -24,8 +31,8 @@ import numpy as np
 from . import elements
 from .control import Variables, whilst
 from .dual import Dual
-from .elements import Mask, Traced, Whole, real, select
-from .machine_code import TraceError, Tracer, is_text, writer
+from .elements import Mask, Number, Traced, Whole, real, remade, select
+from .machine_code import TraceError, Tracer, is_text, tracing, writer
 from .memory import doubles
 
 
@@ -33,7 +40,12 @@ class Numbers(np.ndarray[Any, Any]):
     """An array of numbers, traced ones among them, of dtype object."""
 
     def __array_ufunc__(self, ufunc: Any, method: str, *inputs: Any, out: Any = (), **options: Any) -> Any:
+        if ufunc.__name__.startswith("logical"):
+            options.pop("dtype", None)  # of truth values, as they are
         options, own = _without_types(options), _on_objects(ufunc)
+        chosen = options.pop("where", True) if method == "__call__" and out else True
+        if ufunc is np.add and method in ("reduce", "accumulate"):
+            inputs = tuple(map(_counted, inputs))
         if method == "reduce" and options.get("axis", 0) is None and not options.get("keepdims"):
             inputs, options["axis"] = (inputs[0].ravel(),), 0  # the order of functions of ours is known
         if own is ufunc and "OO->?" in ufunc.types:
@@ -42,7 +54,7 @@ class Numbers(np.ndarray[Any, Any]):
         found = numbers(getattr(own, method)(*bare, **options))
         if not out:
             return found
-        out[0][...] = found
+        out[0][...] = found if chosen is True else where(chosen, found, out[0])
         return out[0]
 
     def __array_function__(self, function: Any, types: Any, arguments: Any, options: Any) -> Any:
@@ -50,10 +62,15 @@ class Numbers(np.ndarray[Any, Any]):
             return FUNCTIONS[function](*arguments, **options)
         return numbers(super().__array_function__(function, types, arguments, options))
 
+    @property
+    def dtype(self) -> Any:
+        """Of doubles, which is what the user's code asks for; NumPy's own asks for that of objects."""
+        is_of_user = is_text(sys._getframe(1).f_code.co_filename)
+        return np.dtype(np.float64) if is_of_user else np.ndarray.dtype.__get__(self)
+
     def astype(self, dtype: Any, *_: Any, **__: Any) -> Any:
         """Return a copy; traced numbers are floats already."""
-        if np.dtype(dtype).kind not in "fO":
-            raise TraceError(f"traced numbers cannot become {np.dtype(dtype)}")
+        _require_doubles(dtype)
         return self.copy()
 
 
@@ -77,7 +94,19 @@ def is_traced(x: Any) -> bool:
 
 
 def _without_types(options: dict[str, Any]) -> dict[str, Any]:
-    return {name: x for name, x in options.items() if name not in ("dtype", "casting", "order", "subok", "where")}
+    _require_doubles(options.get("dtype"))
+    known = {name: x for name, x in options.items() if name not in ("dtype", "casting", "order", "subok")}
+    return {name: x for name, x in known.items() if name != "where" or x is not True}
+
+
+def _require_doubles(dtype: Any) -> None:
+    if np.dtype(dtype) not in (np.float64, np.dtype(object)):
+        raise TraceError(f"traced numbers cannot become {np.dtype(dtype)}")
+
+
+def _counted(x: Any) -> Any:
+    """Return an array with numbers in the place of masks."""
+    return np.frompyfunc(lambda y: real(y) if isinstance(y, Mask) else y, 1, 1)(x)
 
 
 # ---- functions of one or two numbers
@@ -164,6 +193,8 @@ def interp(x: Any, known: Any, values: Any, left: Any = None, right: Any = None)
     known, values = (np.array(a, dtype=np.float64) for a in (known, values))
     if known.ndim != 1 or known.shape != values.shape or not len(known):
         raise ValueError("np.interp takes as many places as values")
+    if not (np.diff(known) >= 0.0).all():
+        raise ValueError("the places of np.interp must not decrease")
     ends = [float(end if given is None else given) for given, end in ((left, values[0]), (right, values[-1]))]
     table = np.stack([known, values, np.append(np.diff(values) / np.diff(known), 0.0)], axis=1)
     memory = doubles(Whole(writer().table(table)))
@@ -201,10 +232,13 @@ def traceable(function: Any) -> Callable[..., Any]:
         elif not is_given:
             arguments = tuple(map(_known, arguments))
         elif name in NEW:
-            arguments = tuple(a for a in arguments if not isinstance(a, type))
+            types = [a for a in arguments if isinstance(a, (type, np.dtype))]
+            arguments = tuple(a for a in arguments if not isinstance(a, (type, np.dtype)))
+            for dtype in types:
+                _require_doubles(dtype)
             options = _without_types(options) | ({"dtype": object} if "array" in name else {})
         found = function(*arguments, **options)
-        if name in NEW and isinstance(found, np.ndarray) and found.dtype.kind == "f":
+        if name in NEW and isinstance(found, np.ndarray) and found.dtype == np.float64:
             found = (np.zeros_like(found) if "empty" in name else found).astype(object)
         return numbers(found)
 
@@ -221,8 +255,11 @@ def _known(x: Any) -> Any:
 
 MOST_LINES = 30_000
 REMEDY = "np.where(condition, a, b), np.interp of a table, or compiled=False"
-KEEPING = {"STORE_GLOBAL", "DELETE_GLOBAL", "STORE_ATTR", "DELETE_ATTR"}
-UNKNOWN = ("random", "time", "secrets", "numpy.random", "threading", "os", "sys", "io")  # modules
+KEEPING = {"STORE_GLOBAL", "DELETE_GLOBAL"}
+KEEPING_IN_OBJECTS = {"STORE_ATTR", "DELETE_ATTR"}
+KEPT = "{} is changed, but what is compiled keeps nothing between calls: use compiled=False"
+UNKNOWN = {"random", "_random", "secrets", "uuid", "time", "datetime", "logging"}  # modules
+UNKNOWN |= {"threading", "os", "posix", "nt", "sys", "io", "_io"}
 
 
 class UserTracer(Tracer):
@@ -262,27 +299,49 @@ class Rebound:
 
     def _made(self, x: Any) -> Any:
         x = getattr(x, "py_func", x)  # compiled by Numba
+        if (unknown := _unknown(x)) is not None:
+            return unknown
         if isinstance(x, ModuleType):
-            is_other = x.__name__ in UNKNOWN or x.__name__.split(".")[0] in ("numpy", "math")
-            return Names(x, self) if is_other else x
+            return Names(x, self) if x.__name__.split(".")[0] in ("numpy", "math") else x
         if isinstance(x, MethodType):
-            return MethodType(self(x.__func__), x.__self__)
+            return MethodType(self(x.__func__), self(x.__self__))
         if isinstance(x, partial):
-            return partial(self(x.func), *x.args, **x.keywords)
-        if callable(x) and not isinstance(x, type) and (_is_of_numpy(x) or _is_of_numpy(type(x))):
-            return traceable(x)
+            return partial(self(x.func), *map(self, x.args), **{name: self(y) for name, y in x.keywords.items()})
+        if callable(x) and not isinstance(x, type) and (isinstance(x, np.ufunc) or _is_of_numpy(x)):
+            return self._object(x) if isinstance(type(x).__call__, FunctionType) else traceable(x)
         if isinstance(x, FunctionType):
             return self._function(x)
         if isinstance(x, BuiltinFunctionType):
             return MATHS.get(x, x)
         if x is float or x is np.float64:
             return Float
-        if type(x) in FROZEN:
-            return FROZEN[type(x)](x)
+        if isinstance(x, dict):
+            return FROZEN[dict]({name: self(y) for name, y in x.items()})
+        if isinstance(x, (list, deque)):
+            return FROZEN[list if isinstance(x, list) else deque](map(self, x))
+        if isinstance(x, set):
+            return FROZEN[set](x)
+        if isinstance(x, tuple):
+            return remade(x, map(self, x))
         if isinstance(x, np.ndarray):
             x = x.copy()
             x.flags.writeable = False
-        return x
+        return x if isinstance(x, (np.ndarray, type, Enum)) else self._object(x)
+
+    def _object(self, x: Any) -> Any:
+        """Return what stands for an object, whose attributes and methods are rebound when they are asked for."""
+        kind = type(x)
+        methods = [name for name in dir(kind) if isinstance(getattr(kind, name, None), FunctionType)]
+        if not (methods or hasattr(x, "__dict__")):
+            return x
+        own: dict[str, Callable[..., Any]] = {
+            name: lambda _, *arguments, name=name: getattr(x, name)(*arguments)
+            for name in methods
+            if name.startswith("__") and name not in ("__new__", "__init__", "__del__")
+        }
+        own |= {"__getattribute__": lambda _, name: self(getattr(x, name)), "__setattr__": _refused(KEPT.format("it"))}
+        own["__call__"] = lambda _, *arguments, **options: self(x.__call__)(*arguments, **options)
+        return object.__new__(type(kind.__name__, (), own))
 
     def _function(self, f: FunctionType) -> Callable[..., Any]:
         copied = cache(lambda: self._copy(f))
@@ -296,8 +355,8 @@ class Rebound:
         known = {n: self(f.__globals__[n]) for n in _names(f.__code__) if n in f.__globals__}
         known |= {"__builtins__": self.builtins, "__name__": f.__module__}
         cells = tuple(map(self._cell, f.__closure__ or ()))
-        copy = FunctionType(f.__code__, known, f.__name__, f.__defaults__, cells)
-        copy.__kwdefaults__ = f.__kwdefaults__
+        copy = FunctionType(f.__code__, known, f.__name__, tuple(map(self, f.__defaults__ or ())), cells)
+        copy.__kwdefaults__ = {name: self(x) for name, x in (f.__kwdefaults__ or {}).items()}
         return copy
 
     def _cell(self, cell: CellType) -> CellType:
@@ -308,16 +367,45 @@ class Rebound:
 
 
 class Names:
-    """A module for traced numbers; one whose functions give something else at each call is refused."""
+    """A module for traced numbers."""
 
     def __init__(self, module: ModuleType, rebound: Rebound) -> None:
         self._module, self._rebound = module, rebound
 
     def __getattr__(self, name: str) -> Any:
-        if self._module.__name__ in UNKNOWN:
-            what = f"{self._module.__name__}.{name}"
-            raise TraceError(f"{what} gives something else at each call, what is compiled does not: use compiled=False")
         return self._rebound(getattr(self._module, name))
+
+
+class Unknown:
+    """What gives something else at each call, or acts: it is refused when it is used."""
+
+    def __init__(self, name: str) -> None:
+        self._name = name
+
+    def __getattr__(self, name: str) -> Any:
+        return Unknown(f"{self._name}.{name}")()
+
+    def __call__(self, *_: Any, **__: Any) -> Any:
+        """Refuse it."""
+        raise TraceError(
+            f"{self._name} gives something else at each call, what is compiled does not: use compiled=False"
+        )
+
+    __iter__ = __next__ = __enter__ = __call__
+
+
+def _unknown(x: Any) -> Unknown | None:
+    """Return what stands for a module of such, or for what is of one; None for anything else."""
+    module, name = getattr(x, "__module__", None), getattr(x, "__name__", type(x).__name__)
+    if isinstance(x, ModuleType):
+        module = name
+    elif module is None:  # a method, or an object
+        owner = type(getattr(x, "__self__", x))
+        module, name = owner.__module__, f"{owner.__module__}.{name}"
+    else:
+        name = f"{module}.{name}"
+    is_of_one = module.split(".")[0] in UNKNOWN or module.startswith("numpy.random")
+    return Unknown(name) if is_of_one or hasattr(type(x), "__next__") else None
 
 
 def _is_of_numpy(x: Any) -> bool:
@@ -329,14 +417,21 @@ def _names(code: CodeType) -> set[str]:
     return set(code.co_names).union(*inner)
 
 
-def _require_no_memory(code: CodeType) -> None:
-    """Refuse what would be kept between calls."""
-    for step in dis.get_instructions(code):
-        is_outer = step.opname == "STORE_DEREF" and step.argval in code.co_freevars
-        if step.opname in KEEPING or is_outer:
+def _require_no_memory(code: CodeType, outer: tuple[str, ...] | None = None) -> None:
+    """Refuse what would be kept between calls, and exceptions that are caught; in functions within it as well."""
+    keeping, outer = (KEEPING | KEEPING_IN_OBJECTS, code.co_freevars) if outer is None else (KEEPING, outer)
+    steps = list(dis.get_instructions(code))
+    for step, following in pairwise(steps):
+        line = getattr(following.positions, "lineno", None) or code.co_firstlineno
+        if step.opname in keeping or (step.opname == "STORE_DEREF" and step.argval in outer):
             line = getattr(step.positions, "lineno", None) or code.co_firstlineno
-            why = f"{step.argval} is changed, but what is compiled keeps nothing between calls: use compiled=False"
+            raise TraceError(KEPT.format(step.argval), (code.co_filename, line))
+        if step.opname == "PUSH_EXC_INFO" and following.opname != "WITH_EXCEPT_START":
+            why = "it catches exceptions, which what is compiled does not raise: use np.where, or compiled=False"
             raise TraceError(why, (code.co_filename, line))
+    for inner in code.co_consts:
+        if isinstance(inner, CodeType):
+            _require_no_memory(inner, outer)
 
 
 # ---- what is built in
@@ -354,8 +449,9 @@ CHANGES: dict[type, str] = {
     list: f"{ITEMS} append extend insert remove reverse sort __iadd__ __imul__",
     dict: f"{ITEMS} popitem setdefault update __ior__",
     set: "add clear discard pop remove update __iand__ __ior__ __isub__ __ixor__",
+    deque: f"{ITEMS} append appendleft extend extendleft insert popleft remove reverse rotate __iadd__ __imul__",
 }
-FROZEN: dict[type, type] = {}  # what stands for lists, dictionaries and sets outside of functions
+FROZEN: dict[type, type] = {}  # what stands for containers outside of functions
 for _kind, _changes in CHANGES.items():
     _refusal = _refused(f"a {_kind.__name__} outside the function is changed: use compiled=False")
     FROZEN[_kind] = type(_kind.__name__, (_kind,), dict.fromkeys(_changes.split(), _refusal))
@@ -369,6 +465,8 @@ class _Floats(type):
 class Float(float, metaclass=_Floats):
     """What `float` is: traced numbers are floats already."""
 
+    dtype = np.dtype(np.float64)
+
     def __new__(cls, x: Any = 0.0) -> Any:
         """Return the number as a float."""
         if isinstance(x, np.ndarray) and x.size == 1:
@@ -376,20 +474,30 @@ class Float(float, metaclass=_Floats):
         return x if isinstance(x, Dual) else real(x)
 
 
-def _of_all(plain: Callable[..., Any], of_two: Any) -> Callable[..., Any]:
+def _of_all(plain: Callable[..., Any], of_two: Callable[..., Any]) -> Callable[..., Any]:
     def function(*given: Any, **options: Any) -> Any:
         entries = list(given[0]) if len(given) == 1 else list(given)
-        return plain(entries, **options) if options or not is_traced(entries) else reduce(traceable(of_two), entries)
+        return plain(entries, **options) if options or not is_traced(entries) else reduce(of_two, entries)
 
     return function
+
+
+def _type(x: Any, *others: Any) -> Any:
+    return type(x, *others) if others else Float if isinstance(x, (Traced, Dual)) else x.__class__
 
 
 _shared = {here: getattr(math, there) for here, there in IN_MATH.items() if hasattr(math, there)}
 MATHS: dict[Any, Any] = {function: traceable(getattr(np, name)) for name, function in _shared.items()}
 MATHS[math.hypot] = lambda *x: reduce(traceable(np.hypot), x)
-BUILTINS: dict[str, Any] = {"max": _of_all(max, np.maximum), "min": _of_all(min, np.minimum), "float": Float}
+MATHS[math.log] = lambda x, *base: traceable(np.log)(x) / (traceable(np.log)(*base) if base else 1.0)
+BUILTINS: dict[str, Any] = {"float": Float, "type": _type}
+BUILTINS["max"] = _of_all(max, lambda a, b: select(b > a, b, a))
+BUILTINS["min"] = _of_all(min, lambda a, b: select(b < a, b, a))
 NOT_COMPILED = "{}() happens when Python calls a function, not when machine code does: leave it out"
-BUILTINS |= {name: _refused(NOT_COMPILED.format(name)) for name in ("print", "input", "open", "exec", "eval")}
+ACTING = ("print", "input", "open", "exec", "eval", "globals", "setattr", "delattr")
+BUILTINS |= {name: _refused(NOT_COMPILED.format(name)) for name in ACTING}
+MATHS |= {getattr(builtins, name): function for name, function in BUILTINS.items()}
+numbers_of_python.Real.register(Number)
 
 
 # ---- tracing
@@ -410,6 +518,8 @@ def traced(function: Any, arguments: tuple[Any, ...], shape: tuple[int, ...], na
         code = getattr(function, "__code__", None)
         first = (code.co_filename, code.co_firstlineno) if code else None
         found = array_of(rebound(function)(*arguments))
+        if writer().refusals:  # which it has caught
+            raise writer().refusals[0]
         if found.shape != shape:
             known = {(3, 3): "three rows of three numbers", (3,): "three numbers", (): "one number"}
             rows = known.get(shape) or f"a list of {shape[0]} number{'s' * (shape[0] > 1)}"
@@ -419,7 +529,9 @@ def traced(function: Any, arguments: tuple[Any, ...], shape: tuple[int, ...], na
                 raise TraceError(f"it returns {x!r}; return numbers", first)
         return [Float(x) for x in found.ravel().tolist()]
     except Exception as error:
-        raise ValueError(f"the load {name} cannot be compiled: {_reason(error, rebound, first)}") from error
+        with tracing(None):
+            reason = _reason(error, rebound, first)
+        raise ValueError(f"the load {name} cannot be compiled: {reason}") from error
 
 
 def _what(found: Any) -> str:
@@ -428,11 +540,15 @@ def _what(found: Any) -> str:
     return "one value" if isinstance(found.item(), (Traced, Dual, float, int)) else f"{type(found.item()).__name__}"
 
 
+LIBRARIES = (str(Path(dis.__file__).parent), "site-packages")
+
+
 def _reason(error: Exception, rebound: Rebound, first: tuple[str, int] | None) -> str:
     """Return what is wrong, and the line of the user."""
     frames = ((f, line) for f, line in walk_tb(error.__traceback__) if f.f_builtins is rebound.builtins)
-    own = [(f.f_code.co_filename, line) for f, line in frames]
-    place = getattr(error, "place", None) or (own[-1] if own else first)
+    places = [first, *((f.f_code.co_filename, line) for f, line in frames), getattr(error, "place", None)]
+    own = [place for place in places if place and not any(folder in place[0] for folder in LIBRARIES)]
+    place = own[-1] if own else first
     if isinstance(error, TraceError):
         why = error.why
     elif isinstance(error, RecursionError):

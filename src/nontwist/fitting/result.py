@@ -139,7 +139,7 @@ class Fit:
     @cached_property
     def warnings(self) -> tuple[str, ...]:
         """Problems of the recordings, and of what they determine."""
-        return (*self.read, *reports.worth(self))
+        return (*self.read, *map(str, reports.worth(self)))
 
     @cached_property
     def covariance(self) -> Array:

@@ -13,7 +13,7 @@ import nontwist as nt
 from conftest import NONTWISTING
 from nontwist import exact, plot, sphere
 from nontwist.geometry.arrays import as_array, as_floats, as_number
-from nontwist.geometry.values import as_function, as_list, as_path, as_whole
+from nontwist.geometry.values import as_function, as_list, as_path, as_whole, guess
 from nontwist.runfile import read_run_file
 from refusals import refused_as
 
@@ -144,3 +144,11 @@ def test_values_that_are_no_arrays():
     assert as_function(len, "f") is len
     with pytest.raises(ValueError, match=r"n must be a whole number >= 1, got a value of type int"):
         as_whole(-(10**5000), "n", 1)
+
+
+def test_short_words_are_guessed_nearly():
+    """Of three letters one makes another unit: rps is rev/s or rad/s, and no rpm."""
+    units = ["rad/s", "deg/s", "rpm"]
+    assert guess("rps", units) == ""
+    assert guess("RPM", units) == "did you mean rpm? "
+    assert guess("mss", ["mass", "body"]) == "did you mean mass? "

@@ -146,7 +146,8 @@ def guess(word: Any, known: Iterable[str], quote: str = "") -> str:
 
     small = {one.casefold(): one for one in known}
     name = word.casefold() if isinstance(word, str) else ""
-    near = get_close_matches(name, small, 1) or [part for part in name.split("_") if part in small]
+    least = 0.6 if len(name) > 3 else 0.7  # of three letters one makes another unit: rps, rpm
+    near = get_close_matches(name, small, 1, least) or [part for part in name.split("_") if part in small]
     return f"did you mean {quote}{small[near[0]]}{quote}? " if near else ""
 
 

@@ -81,12 +81,8 @@ class GpuMarch(StackMarch):
 
 
 def texts_of(functions: Any) -> dict[tuple[int, int], Any]:
-    """Return the texts of functions that were traced, and of those that they call."""
-    found: dict[tuple[int, int], Any] = {}
-    for one in functions:
-        if isinstance(one, MachineFunction):
-            found |= {(4, one.address): one.text} | texts_of(one.owners)
-    return found
+    """Return the texts of functions that were traced."""
+    return {(4, one.address): one.text for one in functions if isinstance(one, MachineFunction)}
 
 
 def arrays_in(found: Any) -> Iterator[Any]:

@@ -4,9 +4,10 @@ A text of a load calls them by `checked`, `plainly` or `differentiated`, or, whi
 `kernels.user_functions.traced`, so that it is written once. Each takes a function, its arguments and the shape of what
 it gives, and returns the numbers row by row.
 
-Compiled functions of the state are traced, as C functions of one signature, so that no kernel is compiled again; factors are numbers of a run. A C
-function is ``void (t, directors, angular_velocity, found)``, of a moment, of forces on the directors or, of γ in
-place of the directors, of a potential and its gradient. What a function finds beside its arguments is fixed.
+Compiled functions of the state are traced, as C functions of one signature, so that no kernel is compiled again, nor
+they for another factor. A C function is ``void (t, directors, angular_velocity, found)``, of a moment, of forces on the
+directors or, of γ in place of the directors, of a potential and its gradient. What a function finds beside its
+arguments is fixed.
 
 C functions that a caller brings, through ctypes, SciPy or Numba, are called as they are; here their signature is
 checked, as far as their maker declares it.

@@ -36,11 +36,20 @@ SENTENCES = {
     "gimbal-lock": "{letters} is in gimbal lock at {count} states, the first at {along} = {first}: the rates of its "
     "first and third angle are infinite there; another {option[euler]} avoids it",
     "option-without-effect": "{name} has no effect, as {why}; omit it",
+    "exists": "{path} exists; choose another name, or overwrite it: {option[force=True]}",
 }
 
 
 class Option(str):
     """The name of an option, among the fields of an error."""
+
+
+SHELL = {  # options whose words on a command line do not follow from those in Python
+    "scalar_first=False": "--scalar-last",
+    "physical=False": "--unphysical",
+    "interval": "--from and --to",
+    "interval='all'": "--all",
+}
 
 
 class PythonOptions:
@@ -55,7 +64,7 @@ class ShellOptions:
     """The words for options on a command line: ``--body``, ``--inverse``; `names` maps those that differ."""
 
     def __init__(self, **names: str) -> None:
-        self.names = {"scalar_first=False": "--scalar-last"} | names
+        self.names = SHELL | names
 
     def __getitem__(self, key: str) -> str:
         """Return the words for an option, or an option with its value."""
@@ -109,6 +118,10 @@ class InputError(Worded, ValueError):
     ...     print(error.code, error.fields)
     several-times {'names': 'time, timestamp'}
     """
+
+
+class ExistingFileError(Worded, FileExistsError):
+    """A file that exists, and is overwritten only where that is asked for."""
 
 
 class InputWarning(Worded, UserWarning):

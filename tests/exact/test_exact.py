@@ -132,11 +132,15 @@ def test_chained_calls_do_not_drift():
 
 @pytest.mark.long
 def test_million_chained_calls():
-    """They grow like n^0.5, to twice of which n^0.6 leaves room: more than the scatter of eight starts."""
-    few, many = (np.array([chained(n, start) for start in range(m)]) for n, m in ((1000, 100), (1_000_000, 8)))
-    assert np.abs(many).max() < 1e-12
+    assert np.abs(chained(1_000_000, 0)).max() < 1e-12
+
+
+@pytest.mark.long
+def test_growth_of_chained_calls():
+    """They grow like n^0.5, to 1.6 times of which n^0.6 leaves room: more than the scatter of 16 starts."""
+    few, many = (np.array([chained(n, start) for start in range(m)]) for n, m in ((1000, 100), (100_000, 16)))
     sizes = [np.sqrt((errors**2).mean(axis=0)) for errors in (few, many)]
-    assert (sizes[1] <= sizes[0] * 1000**0.6).all()
+    assert (sizes[1] <= sizes[0] * 100**0.6).all()
 
 
 def test_start_and_order_of_times():

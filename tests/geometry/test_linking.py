@@ -1,5 +1,6 @@
 """Writhe, link and twist of closed polygons: Lk = Tw + Wr on knots and links, digits, orders, degenerate curves."""
 
+import os
 from math import gcd
 
 import mpmath
@@ -81,9 +82,17 @@ def test_invariance_of_writhe_and_link():
 def test_threads_change_no_bit(monkeypatch):
     x, found = torus(2, 3, 1250)[0], set()
     for threads in (1, 2, 5):
-        monkeypatch.setattr(linking.os, "cpu_count", lambda threads=threads: threads)
+        monkeypatch.setattr(linking, "cores", lambda threads=threads: threads)
         found.add(writhe(x))
     assert len(found) == 1
+
+
+def test_threads_of_allowed_processors(monkeypatch):
+    """Of eight, this process may use one, as in a container or under taskset."""
+    monkeypatch.setattr(os, "cpu_count", lambda: 8)
+    monkeypatch.setattr(os, "sched_getaffinity", lambda process: {0}, raising=False)
+    monkeypatch.setattr(linking, "ThreadPoolExecutor", None)
+    assert np.isfinite(writhe(torus(2, 3, 1250)[0]))
 
 
 def test_order_of_the_smooth_limit():

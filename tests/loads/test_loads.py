@@ -225,7 +225,9 @@ def test_later_registered_load(magnet, write, tmp_path):
     with pytest.raises(ValueError, match=r"load\.0\.field: \[0, 1\] -> 3 numbers, T: along fixed axes"):
         read_run_file(write(FILE), ["load.0.field=[0, 1]"])
     nt.sweep(write(FILE + OVER), tmp_path / "store", progress=False)
-    found = nt.open_sweep(tmp_path / "store").material_angular_velocity.values
+    store = nt.open_sweep(tmp_path / "store")
+    assert store["load.0.dipole.1"].units == "A m2"
+    found = store.material_angular_velocity.values
     for k in range(3):
         one = nt.simulate(run_file.problem, load=magnet([0.3, k, 1.2], [0, 1, -2]))
         assert found[k] == pytest.approx(one.material_angular_velocity.values[-1], abs=1e-14)

@@ -74,6 +74,16 @@ def test_messages():
     assert {place: wrong for place, text in messages() if (wrong := found(text))} == {}
 
 
+def test_messages_speak_python():
+    """Of the library: commands put their own words in the place of ``{option[force=True]}``."""
+    both = re.compile(r"--[a-z][\w-]*[^\"]* ?\(?[a-z_]+=")
+    for path in (ROOT / "src" / "nontwist").rglob("*.py"):
+        if path.parent.name != "cli":
+            nodes = ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+            texts = [node.value for node in nodes if isinstance(node, ast.Constant) and isinstance(node.value, str)]
+            assert [text for text in texts if both.search(text) and "\n" not in text] == [], path
+
+
 def test_docstrings_of_public_functions():
     assert {name: wrong for name, text in public_docstrings() if (wrong := found(text))} == {}
 

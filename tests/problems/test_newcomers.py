@@ -303,8 +303,8 @@ def importing(registry, *words):
     """Run a command that imports a module of this folder, and forget what it registers."""
     with patch.dict(registry), patch.object(sys, "path", [*sys.path]):
         done = ended(0, *words)
-    for name in ("own_load", "own_reader"):
-        sys.modules.pop(name, None)
+    for name in ("body", "integrator", "load", "observable", "reader"):
+        sys.modules.pop(f"own_{name}", None)
     return done
 
 
@@ -484,6 +484,25 @@ def test_commands_import_modules(here, write):
     for name in ("run", "magnet"):
         importing(LOADS, "run", f"{name}.toml", "--import", "own_load", "--quiet")
         assert open_run(f"{name}.nc").attrs["status"] == 0
+
+
+OF_THE_PACKAGE = {"body": 'body.kind="standard"', "integrator": 'integrator={ name = "gauss" }'}
+
+
+@pytest.mark.parametrize(
+    ("name", "registry"), [("body", BODIES), ("integrator", INTEGRATORS), ("observable", OBSERVABLES)]
+)
+def test_commands_import_others(name, registry, here, write):
+    """Each is one file in a folder of its own; loads and readers are above."""
+    example = (ROOT / "examples" / f"own_{name}.py").read_text(encoding="utf-8")
+    Path(f"own_{name}.py").write_text(blocks_of_the_page(name)[0] if name == "body" else example, encoding="utf-8")
+    write(RUN)
+    sets = [word for kind, one in OF_THE_PACKAGE.items() if kind != name for word in ("--set", one)]
+    importing(registry, "run", "run.toml", "--import", f"own_{name}", "--quiet", *sets)
+    run = open_run("run.nc")
+    assert (DirectorSystem.from_json(run.attrs["system"]).name == "skate") == (name == "body")
+    assert (json.loads(run.attrs["integrator"])["name"] == "munthe-kaas") == (name == "integrator")
+    assert ("nutation" in run) == (name == "observable")
 
 
 @pytest.mark.parametrize("has_processes", [False, pytest.param(True, marks=pytest.mark.long)])

@@ -192,7 +192,7 @@ def test_existing_and_changed_problems(tmp_path):
         PROBLEM.write(path)
     PROBLEM.replace(t_end=2).write(path, force=True)
     problem = Problem.read(path)
-    assert problem.t_end == 2
+    assert (problem.t_end, Problem.read(path, set=["time.t_end=4"]).t_end) == (2, 4)
     assert "run_file" in nt.simulate(problem).attrs
     assert "run_file" not in nt.simulate(problem, t_end=3).attrs
     with pytest.raises(ValueError, match="give over="):

@@ -367,9 +367,9 @@ def test_overrides(write):
     shape = "body.inertia={cuboid={mass=1, lengths=[1, 2, 3], offset=[0, 0, 1]}}"
     (told,) = lines(write, text, shape)
     assert told.endswith("cuboid.offset: unknown key -> did you mean body.inertia.offset? known are mass, lengths")
-    assert lines(write, text, "load.1.x=2") == ["--set load.1.x=2: load has no entry 1 -> 0 to 0"]
+    assert lines(write, text, "load.1.x=2") == ["set load.1.x=2: load has no entry 1 -> 0 to 0"]
     assert lines(write, text, "body.kind.x=2") == [
-        '--set body.kind.x=2: body.kind is "standard", not a table -> a key of the file'
+        'set body.kind.x=2: body.kind is "standard", not a table -> a key of the file'
     ]
 
 

@@ -103,7 +103,7 @@ CASES = {
 ALIGNED = re.compile(r"shifted by (\S+) s(?: at its first sample, drift (\S+) ± (\S+) ppm)? \(")
 
 
-@pytest.mark.filterwarnings("ignore:dropped .* that relative_to does not cover")
+@pytest.mark.filterwarnings("ignore:dropped .* that the second recording does not cover")
 @pytest.mark.parametrize("case", CASES)
 def test_clocks_are_found(case):
     end, rates, drift, late, clocks, of_shift, of_drift, of_twist = CASES[case]
@@ -412,7 +412,7 @@ def test_times_on_one_axis(command, facts, first, late):
     told = facts(*run, *["--clocks", "shared"] * (late == 0.004)).get("alignment", "")
     assert "shifted by" not in told
     assert late != 0.5 or told.startswith(
-        "clock of relative_to: times as they are, by which it begins 0.5 s after the "
+        "clock of the second recording: times as they are, by which it begins 0.5 s after the "
     )
     assert open_run("o.nc").twist_angle.values == pytest.approx(np.radians(psi - psi[covered][0])[covered], abs=1e-5)
     if late == 0.004:
@@ -461,7 +461,7 @@ def test_dates_of_two_files(case):
     with warned(*codes, "not-covered") as said:
         found = dated.twist(clocks=None)
     told = found.attrs["alignment"]
-    assert told.startswith(f"clock of relative_to: {aligned}")
+    assert told.startswith(f"clock of the second recording: {aligned}")
     if case == "overlap":
         assert float(re.search(r"\(correlation of the angular speeds (\S+)\)$", told)[1]) > 0.9
     if aligned == "shifted by":
@@ -549,7 +549,11 @@ def test_gaps_of_the_second_sensor():
     kept = (trial.s < 30) | (trial.s > 35)
     with warned("gaps", "not-covered") as told:
         found = trial._replace(s=trial.s[kept], arm=trial.arm[kept]).twist(clocks="shift")
-    assert (told[0].within, told[0].fields["gaps"], told[1].fields["rows"]) == ("relative_to", "1 gap", "532 rows")
+    assert (told[0].within, told[0].fields["gaps"], told[1].fields["rows"]) == (
+        "the second recording",
+        "1 gap",
+        "532 rows",
+    )
     assert not ((found.time > 20.4) & (found.time < 25.2)).any()
     assert trial.off(found.sel(time=slice(None, 20))) < 0.01
 

@@ -37,7 +37,7 @@ def told(words, kind=OSError):
 @pytest.mark.parametrize("name", WRITERS)
 def test_what_exists_is_not_replaced(name, folder):
     write, files = WRITERS[name]
-    force = "--force (force=True)" if name in PYTHON else "--force"
+    force = "force=True" if name in PYTHON else "--force"
     for file in {files[0], files[-1]}:
         place = folder / file
         place.write_text("mine", encoding="utf-8")

@@ -676,8 +676,8 @@ def test_python_values_are_checked(tmp_path):
         (problem, ["time.t_end"], "over must be a mapping"),
         (problem, other, "has a key of its own, 'time.step'"),
         (problem, None, "give over="),
-        (problem.system, None, "run_file must be a path, a string or"),
-        (problem.system, t_end, "run_file must be a path, a string or"),
+        (problem.system, None, "problem must be a path, a string or"),
+        (problem.system, t_end, "problem must be a path, a string or"),
         (function, t_end, "kind function has no place"),
         (turning, {"load.0.speed": [1, 2]}, "of the kind wheel with a function has no place"),
     ):

@@ -1,4 +1,4 @@
-"""Observables, trajectories and datasets, twist, measured orders."""
+"""From states to named variables: trajectories and datasets, invariants, statistics, measured orders."""
 
 from .variables import OBSERVABLES, Observable
 

@@ -1,4 +1,4 @@
-"""Runs that continue one another, joined into one."""
+"""Runs that continue one another, joined into one; and the points of a body along a run."""
 
 from __future__ import annotations
 

@@ -1,11 +1,10 @@
-"""`nontwist check`, `precision`, `compare`: whether a file is right, how right its numbers are, by which integrator.
+"""`nontwist check`, `precision`, `compare`, `reproduce`, `validate`: whether files, numbers and the package are right.
 
 `nontwist reproduce` and `nontwist validate`: the tables of the paper, and every check of the package.
 """
 
 from __future__ import annotations
 
-import os
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -19,6 +18,7 @@ import nontwist
 from ..errors import RunFileError
 from ..geometry.values import number_text
 from ..io.whole import require_free, written
+from ..machine import cores
 from ..validation import GROUPS
 from .outcomes import BAD_DATA, DIFFERS, SOLVER, CommandError, on_file
 from .printing import print_fitting, print_rows, print_table, say, say_next, say_written, show, shown_unit
@@ -379,9 +379,6 @@ def _print_table(table: PaperTable) -> None:
 # `nontwist validate`: every oracle of the package, measured on this machine.
 
 
-WORKERS = min(2, os.cpu_count() or 1)
-
-
 def validate_command(
     group: Annotated[list[str] | None, Opt(f"One of {', '.join(GROUPS)}. Repeatable.", "NAME", default="all")] = None,
     as_json: Annotated[bool, Opt("Print JSON with every digit instead of tables.", option="--json")] = False,
@@ -404,7 +401,7 @@ def validate_command(
             require_free(file, force=force)
     errors = Console(stderr=True)
     with errors.status("starting") as status:
-        result = nontwist.validate(group or None, workers=WORKERS, progress=status.update)
+        result = nontwist.validate(group or None, workers=min(2, cores()), progress=status.update)
     if page is not None:
         for file, text in zip(files, (result.to_markdown(files[1].name), result.to_json() + "\n"), strict=True):
             with written(file, force=force) as stream:

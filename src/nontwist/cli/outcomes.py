@@ -32,7 +32,7 @@ from typer.core import TyperGroup
 import nontwist
 
 from ..errors import SimulationError, SweepError
-from .printing import for_terminals, imported, printed_warnings, say, words
+from .printing import imported, printed_warnings, say, words
 
 COMMON = {  # words that people try, and the command that does it
     **dict.fromkeys(("plot", "show", "animate", "film"), "view"),
@@ -129,7 +129,7 @@ class Commands(TyperGroup):
             raise typer.Exit from error
         except (Exception, KeyboardInterrupt) as error:
             if isinstance(found := getattr(error, "message", None), str):
-                error.message = for_terminals(found.removeprefix("Value error, "))  # type: ignore[union-attr]
+                error.message = found.removeprefix("Value error, ")  # type: ignore[union-attr]
             code = None if isinstance(error, typer.Exit) else code_of(error)
             if code is None:
                 raise

@@ -26,20 +26,12 @@ def words(said: Any) -> str:
     return said.worded(ShellOptions()) if isinstance(said, Worded) else str(said)
 
 
-def for_terminals(text: str) -> str:
-    """Return a text without the names in Python that stand behind options, as in ``--inverse (inverse=True)``."""
-    text = re.sub(r"(?<![\w./\\-])relative_to(?![\w./=-])", "the second recording", text)
-    return re.sub(r"(--[a-z][a-z-]*(?: [A-Z][A-Z0-9,]*)?) \((?:\w+=[^(),]*(?:, )?)+\)", r"\1", text)
-
-
 def say(text: str, style: str = "") -> None:
     """Print a message on stderr, in colour where that is wanted; one that cannot be shown is no error."""
     from rich.console import Console
 
     with suppress(OSError):
-        Console(stderr=True, highlight=False).print(
-            for_terminals(text), style=style, markup=False, emoji=False, soft_wrap=True
-        )
+        Console(stderr=True, highlight=False).print(text, style=style, markup=False, emoji=False, soft_wrap=True)
 
 
 def stdout() -> Console:
@@ -120,7 +112,7 @@ def print_table(
 
     console = stdout()
     kept = {
-        heading: [cell if isinstance(cell, Text) else Text(for_terminals(cell)) for cell in cells]
+        heading: [cell if isinstance(cell, Text) else Text(cell) for cell in cells]
         for heading, cells in columns.items()
     }
     spared = list(spare)

@@ -1,4 +1,4 @@
-"""`nontwist run`: run files to results."""
+"""`nontwist run`, `example` and `schema`: run files, to begin with and to results."""
 
 from __future__ import annotations
 

@@ -167,7 +167,8 @@ def sweep_command(
     are counted and do not stop the others. Completed blocks remain saved after Ctrl-C, SIGTERM or a closed terminal
     (SIGHUP). Exits with status 4 if a block cannot be computed.
     """
-    from ..driver.notices import cores, sigterm_interrupts
+    from ..driver.notices import sigterm_interrupts
+    from ..machine import cores
     from ..sweeps.members import Members
     from ..sweeps.sweeping import plan
 

@@ -282,7 +282,7 @@ def compared(
     """Run once and compare with the reference; this also compiles what the timed calls need.
 
     `kept` are the invariants, and `known` what warnings have said already. Returned are the call to be timed, and
-    the `VARIABLES` and drifts that one run has, its status and message among them.
+    the `MEASURES` and drifts that one run has, its status and message among them.
     """
     exact, shared = true.run, len(true.run.time) - 1
     if scheme.any_times:
@@ -339,7 +339,7 @@ def shortest_times(calls: dict[Any, Callable[[], Trajectory]], repeats: int) -> 
 CLEAR = 20.0
 COMPARED = ("attitude", "momentum")
 _RUNS = ("integrator", "step")
-VARIABLES: dict[str, tuple[str, str, str]] = {
+MEASURES: dict[str, tuple[str, str, str]] = {
     "attitude_error": ("rad", "attitude error at the end", "e_Λ"),
     "attitude_error_max": ("rad", "largest attitude error at the shared times", "max e_Λ"),
     "attitude_order": ("1", "measured order of the attitude, from the step before", "n_Λ"),
@@ -385,7 +385,7 @@ def comparison_dataset(
         found[f"{of}_order"] = _RUNS, measured_orders(largest, steps, CLEAR * noise)
         found |= {f"{of}_below_bar": (_RUNS, largest <= bar), f"{of}_reference_error": ((), bar)}
     described = {}
-    for name, (units, long_name, symbol) in VARIABLES.items():
+    for name, (units, long_name, symbol) in MEASURES.items():
         if name != "twist_defect" or reference.run.system.axis is not None:
             own = {"units": units, "long_name": long_name, "symbol": symbol}
             described[name] = *(found[name] if name in found else (_RUNS, array(name))), own

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from ..analysis.datasets import as_dataset
 from ..analysis.invariants import in_words
 from ..geometry.arrays import Array, as_positive
-from .comparing import VARIABLES, short
+from .comparing import MEASURES, short
 
 if TYPE_CHECKING:
     import xarray
@@ -23,7 +23,7 @@ CONSERVED, NONE = 1e-13, "–"
 
 
 TEXTS = ("integrator", "message", "invariant", "invariant_symbol", "family")
-NUMBERS = ("step", "takes_steps", *(name for name in VARIABLES if name not in ("message", "twist_defect")))
+NUMBERS = ("step", "takes_steps", *(name for name in MEASURES if name not in ("message", "twist_defect")))
 
 
 def as_comparison(data: Any) -> Any:

@@ -17,6 +17,7 @@ from ..geometry.values import among, as_list, as_whole, short_repr
 from ..integrators import Status
 from ..integrators.compiled import Compiled
 from ..integrators.ivp import stretched
+from ..machine import cores
 from ..models.stack import SystemStack
 from ..models.system import DirectorSystem, as_system
 from . import completion
@@ -26,7 +27,6 @@ from .grid import SMALL, free_memory, require_resolution
 from .notices import (
     announce,
     coarseness,
-    cores,
     members_cost,
     progress_bar,
     say,

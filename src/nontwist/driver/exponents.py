@@ -20,11 +20,12 @@ from ..integrators.linearised_runs import Linearised, scheme_of
 from ..integrators.stepping import in_threads
 from ..integrators.stepping import progress as counted
 from ..integrators.tangents import Growth
+from ..machine import cores
 from ..models.stack import SystemStack
 from ..models.system import DirectorSystem
 from . import completion
 from .derivatives import Solved, differentiable
-from .notices import announce, cores, members_cost, progress_bar, say, warn_of_grid, with_messages
+from .notices import announce, members_cost, progress_bar, say, warn_of_grid, with_messages
 from .planning import Plan
 from .problem import OfMany, OfMotion, Problem, plan_of, posed, start_of, starts_of, takes
 from .starts import Starts

@@ -13,9 +13,9 @@ from ..geometry.arrays import Array, as_array, as_number, increasing
 from ..geometry.values import as_whole, counted, short_repr
 from ..integrators import Integrator
 from ..integrators.ivp import FIT, Stretches, stretched
-from ..io.whole import free_memory as free_memory  # which tests replace here
 from ..loads import Load, body_moment
 from ..loads.terms import Tabulated
+from ..machine import free_memory as free_memory  # which tests replace here
 from ..models.stack import SystemStack
 
 TURN = 0.05  # rad a step

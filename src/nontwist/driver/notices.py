@@ -10,7 +10,6 @@ SIGTERM and SIGHUP interrupt a run as Ctrl-C does, so that the completed part is
 from __future__ import annotations
 
 import math
-import os
 import signal
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -87,11 +86,6 @@ def notice(cost: Cost, what: str = "run", where: str = "of memory") -> str | Non
         f"the {what} will take about {duration(cost.seconds)} and {amount(cost.size)} {where}, for {cost.parts:.3g} "
         f"{cost.unit}"
     )
-
-
-def cores() -> int:
-    """Return how many processors this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def amount(size: float) -> str:

@@ -246,14 +246,14 @@ class Problem:
         return problem_with(self.system if system is None else system, kept)
 
     @classmethod
-    def read(cls, path: str | os.PathLike[str], overrides: Iterable[str] = ()) -> Problem:
+    def read(cls, path: str | os.PathLike[str], set: Iterable[str] = ()) -> Problem:
         """Read and check a run file: a problem in TOML.
 
         Parameters
         ----------
         path : path
             A TOML file; see the page of run files, or ``nontwist example``.
-        overrides : iterable of str
+        set : iterable of str
             Values to set, as "key=value" with the value in TOML: ``"body.mass=2.5"``, ``"load.0.amplitude=[0, 0, 1]"``;
             ``"key="`` removes a key. A step replaces the tolerance of the file, and the other way round.
 
@@ -267,7 +267,7 @@ class Problem:
         RunFileError
             A ValueError with one line for each problem: "file: key: what was given -> what is accepted".
         ValueError
-            `path` is not a path, or overrides are not strings.
+            `path` is not a path, or `set` has no strings.
         OSError
             The file cannot be read; it is a FIFO or a device.
 
@@ -276,13 +276,13 @@ class Problem:
         >>> from nontwist import Problem, nontwisting, simulate
         >>> problem = Problem(nontwisting([3, 4, 5]), t_end=1, material_angular_velocity=(6, -18, 0))
         >>> problem.write("run.toml")
-        >>> run = simulate(Problem.read("run.toml", ["time.t_end=2"]))
+        >>> run = simulate(Problem.read("run.toml", set=["time.t_end=2"]))
         >>> run.time.values[-1].item(), "run_file" in run.attrs
         (2.0, True)
         """
         from ..runfile.document import read_run_file
 
-        return read_run_file(path, overrides).problem
+        return read_run_file(path, set).problem
 
     def write(self, path: str | os.PathLike[str], *, force: bool = False) -> None:
         """Write the problem as a run file, from which `read` makes the same problem.

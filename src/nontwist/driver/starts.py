@@ -215,54 +215,70 @@ def starts(
         raise ValueError("give start= or rotation=, not both")
     if material_angular_velocity is not None and angular_velocity is not None:
         raise ValueError("give material_angular_velocity= or angular_velocity=, not both")
+    is_material = angular_velocity is None
     name, given = "material_angular_velocity", material_angular_velocity
-    if angular_velocity is not None:
+    if not is_material:
         name, given = "angular_velocity", angular_velocity
-    systems, begin = stacked(system), None
-    if start is not None:
-        start = _of_member(start)
-        begin = _of_run(start) if many or "member" in getattr(start, "dims", ()) else last_state(start)
-        if not many and begin is not None and (m := len(begin.quaternion)) > 1:
-            raise ValueError(f"start= is an ensemble of {m} runs; continue one of them: start.isel(member=0)")
-    if begin is None:
+    systems, start = stacked(system), _of_member(start)
+    begin = _continued(start, many)
+    if begin is not None:
+        if given is not None:
+            raise ValueError("start= is a run and brings its velocities; leave the angular velocity out")
+        begin, axis = _carrying(begin, start, systems, load)
+    else:
         if given is None and hasattr(start, "time"):
             warn(InputWarning("start-at-rest", time=t_start or 0))
         attitude = rotation if start is None else start
         p = _quaternions(attitude, scalar_first) if many else last_attitude(attitude, scalar_first, rotation is None)
-        begin, axis = Starts(p, np.zeros((1, 3)) if given is None else _vectors(given, name, many)), systems.axis
-    elif given is not None:
-        raise ValueError("start= is a run and brings its velocities; leave the angular velocity out")
-    elif isinstance(start, BodyState):
-        axis = systems.axis
-        if begin.internal is not None and not (load and load.remembering):
-            raise ValueError(
-                f"start= has {begin.internal.size} internal states, of wheels or memory, and the load none"
-            )
-    else:
-        axis, records = _new_axis(start, systems), _records(start)
-        begin = begin._replace(wheels=tuple(recorded_wheels(records)))
-        if load is not None:
-            _require_memory(records, load, begin)
-    p, W, N = begin[:3]
-    if angular_velocity is not None:
-        R = attitudes(p)
-        W = R[:, 0] * W[:, :1] + R[:, 1] * W[:, 1:2] + R[:, 2] * W[:, 2:]
-        begin = begin._replace(velocity=W)
+        W = np.zeros((1, 3)) if given is None else _vectors(given, name, many)
+        begin, axis = Starts(p, W if is_material else along_frame(p, W)), systems.axis
     if not many:
         scale = np.array([as_number(load_scale, "load_scale")])
         return _projected(begin, systems, axis, project, t_start)._replace(load_scale=scale)
     factors = as_array(load_scale, "load_scale", (...,))
     if factors.ndim > 1:
         raise ValueError(f"load_scale must be a number or have the shape (m,), got {factors.shape}")
-    scale, attitudes_name = factors.reshape(-1), "rotation" if start is None else "start"
-    torque = None if wheel_torque is None else _wheel_torques(wheel_torque, len(load.wheels) if load else 0)
-    lengths = {"system": len(systems), attitudes_name: len(p), name: len(W), "load_scale": len(scale)}
-    m = _common(lengths | {"wheel_torque": 1 if torque is None else len(torque)})
-    begin = _projected(begin, systems, axis, project, t_start)
-    W = np.broadcast_to(begin.velocity, (m, 3))
-    N = None if N is None else np.broadcast_to(N, (m, 6))
-    begin = begin._replace(load_scale=scale, wheel_torque=torque)
-    return begin._replace(quaternion=np.broadcast_to(p, (m, 4)), velocity=W, normal=N)
+    torques = None if wheel_torque is None else _wheel_torques(wheel_torque, len(load.wheels) if load else 0)
+    begin = begin._replace(load_scale=factors.reshape(-1), wheel_torque=torques)
+    m = _members(begin, len(systems), "rotation" if start is None else "start", name)
+    return _broadcast(_projected(begin, systems, axis, project, t_start), m)
+
+
+def _continued(start: Any, many: bool) -> Starts | None:
+    """Return the last states of a run to continue; None where `start` is not one."""
+    if start is None:
+        return None
+    begin = _of_run(start) if many or "member" in getattr(start, "dims", ()) else last_state(start)
+    if not many and begin is not None and (m := len(begin.quaternion)) > 1:
+        raise ValueError(f"start= is an ensemble of {m} runs; continue one of them: start.isel(member=0)")
+    return begin
+
+
+def _carrying(begin: Starts, start: Any, systems: SystemStack, load: Load | None) -> tuple[Starts, Array | None]:
+    """Return the states of a run with what its wheels and its memory carry, and the axis that is new to it."""
+    if isinstance(start, BodyState):
+        if begin.internal is not None and not (load and load.remembering):
+            raise ValueError(
+                f"start= has {begin.internal.size} internal states, of wheels or memory, and the load none"
+            )
+        return begin, systems.axis
+    records = _records(start)
+    begin = begin._replace(wheels=tuple(recorded_wheels(records)))
+    if load is not None:
+        _require_memory(records, load, begin)
+    return begin, _new_axis(start, systems)
+
+
+def along_frame(p: Array, w: Array) -> Array:
+    """Return ``W = Λᵀ w`` of quaternions and vectors in space, (m, 3)."""
+    R = attitudes(p)
+    return R[:, 0] * w[:, :1] + R[:, 1] * w[:, 1:2] + R[:, 2] * w[:, 2:]
+
+
+def _broadcast(begin: Starts, m: int) -> Starts:
+    """Return m states of what has one or m."""
+    p, W, N = np.broadcast_to(begin.quaternion, (m, 4)), np.broadcast_to(begin.velocity, (m, 3)), begin.normal
+    return begin._replace(quaternion=p, velocity=W, normal=None if N is None else np.broadcast_to(N, (m, 6)))
 
 
 def as_rotation(value: Any, scalar_first: bool | None = None) -> Any:
@@ -325,8 +341,11 @@ def _wheel_torques(value: Any, count: int) -> Array:
     return found.reshape(-1, count)
 
 
-def _common(lengths: dict[str, int]) -> int:
-    """Return the number of members."""
+def _members(begin: Starts, systems: int, attitude: str, velocity: str) -> int:
+    """Return the number of members; a ValueError where two axes of members have other lengths than 1."""
+    torques = 1 if begin.wheel_torque is None else len(begin.wheel_torque)
+    lengths = {"system": systems, attitude: len(begin.quaternion), velocity: len(begin.velocity)}
+    lengths |= {"load_scale": len(begin.load_scale), "wheel_torque": torques}
     m = max(lengths.values())
     if 0 in lengths.values():
         empty = next(name for name, n in lengths.items() if n == 0)

@@ -9,16 +9,17 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..errors import InputWarning, warn
+from ..errors import SENTENCES, InputError, InputWarning, Option, warn
 from ..geometry.arrays import Array, as_array, as_flag, as_positive
 from ..geometry.values import among, short_repr
 from ..recordings.options import ReadOptions
 from ..recordings.reading import Rates
 from ..spec import takes
 from .estimating import estimate, is_hopeless
-from .intervals import NoMotionError, Search
+from .intervals import FITS, NoMotionError, Search
 from .measuring import Gyroscope, as_gyroscope, as_readings, plain_gyroscope, speed_of, spun
 from .predictions import RunawayError
+from .reports import worth
 from .result import Fit, Part
 from .shooting import Loss, Shooting, Stretch, noise_of, noise_of_attitudes, require_turning, require_unsaturated
 from .solving import CALLS, PATIENT
@@ -186,12 +187,11 @@ def fit_inertia(
     task = Task(given, interval, plain, gyroscope, sigma, loss)
     try:
         fit = task.fit(model)
-        if not fit.is_explained and fit.untold and (other := task.what_fits(model)):
-            raise ValueError(f"{task.no_motion(fit.solution.problem.stretches, fit.residual, model)}{other}")
     except NoMotionError as error:
-        raise ValueError(f"{error}{task.what_fits(model)}") from error
-    said: Any = (*task.said, *fit.warnings[len(task.said) :])
-    for one in said:
+        raise error.with_what_fits(task.what_fits(model)) from error
+    if not fit.is_explained and fit.untold and (other := task.what_fits(model)):
+        raise task.no_motion(fit.solution.problem.stretches, fit.residual, model).with_what_fits(other)
+    for one in (*task.said, *worth(fit)):
         warn(one)
     return fit
 
@@ -225,9 +225,9 @@ class Task:
             problem = Shooting(stretches, self.gyroscope, noise, model, self.loss, (), tilt)
             found = estimate(problem, self.sigma > 0, calls=CALLS if self.is_brief else PATIENT)
         except RunawayError as error:
-            raise NoMotionError(self.no_motion(stretches, None, model)) from error
+            raise self.no_motion(stretches, None, model) from error
         if is_hopeless(found):
-            raise NoMotionError(self.no_motion(stretches, found.misses, model))
+            raise self.no_motion(stretches, found.misses, model)
         parts, problem, at = [], found.problem, found.unknowns
         if problem.has_gyroscope:
             ends = np.cumsum([len(one.time) for one in stretches])[:-1]
@@ -241,10 +241,7 @@ class Task:
             parts.append(Part(one.name, stretch.time, stretch.rates, explained[k], *seen))
         fit = Fit(tuple(parts), found, tuple(map(str, self.said)), self.sigma)
         if (outside := beyond_the_wall(found)) > OUTSIDE:
-            raise NoMotionError(
-                f"no body has the inertia implied by {self.names}: {_beyond(model)} by {outside:.3g} standard "
-                "errors; check the unit, and that the interval is free of hands and impacts"
-            )
+            raise NoMotionError("no-inertia", names=self.names, why=_beyond(model), outside=outside)
         return fit
 
     def stretch(self, one: Rates, rows: slice, model: Model) -> Stretch:
@@ -289,10 +286,7 @@ class Task:
     def searched(self, one: Rates, model: Model) -> tuple[int, int, str]:
         """Return the samples of the longest motion of the model, and how they were found."""
         if not one.has_gyroscope:
-            raise ValueError(
-                f"{one.name}: attitudes alone do not show where free motion begins and ends: --from and --to "
-                "(interval=) name the interval between release and catch, --all (interval='all') uses every sample"
-            )
+            raise InputError("attitudes-alone", one.name)
         require_turning(model, one.time, one.rates, one.name)
         seen = replace(one, rates=self.gyroscope.undone(one.rates))
         try:
@@ -300,11 +294,11 @@ class Task:
         except NoMotionError as error:
             if one.is_read:
                 require_unsaturated(one.time, one.rates, one.name)
-            raise NoMotionError(f"{one.name}: {error}") from error
+            raise error.about(one.name) from error
 
-    def what_fits(self, model: Model) -> str:
-        """Return what a recording fits that does not fit the model, in words; empty where nothing is found."""
-        for other, words in _others(model):
+    def what_fits(self, model: Model) -> dict[str, str]:
+        """Return what a recording fits that does not fit the model, and its option; empty where nothing is found."""
+        for other, words, remedy in _others(model):
             try:
                 fit = replace(self, is_brief=True).fit(other)
             except ValueError:
@@ -313,8 +307,9 @@ class Task:
                 found = np.zeros(0)
                 if other.physical:
                     found, _ = fit.rotor_axis if other.pivot is model.pivot else fit.centre
-                return f"; it fits with {words.format(','.join(f'{x + 0.0:.4g}' for x in found.round(4)))}"
-        return ""
+                words = words.format(",".join(f"{x + 0.0:.4g}" for x in found.round(4)))
+                return {"fits": f"; it fits with {words}", "remedy": remedy}
+        return {}
 
     @property
     def said(self) -> list[InputWarning]:
@@ -326,8 +321,8 @@ class Task:
         """What the recordings are called."""
         return ", ".join(one.name for one in self.given)
 
-    def no_motion(self, stretches: Sequence[Stretch], left_over: Array | None, model: Model) -> str:
-        """Return what is said where no body moves as recorded."""
+    def no_motion(self, stretches: Sequence[Stretch], left_over: Array | None, model: Model) -> NoMotionError:
+        """Return the error where no body moves as recorded."""
         where = ""
         if left_over is not None:
             time = np.concatenate([one.time for one in stretches])
@@ -335,27 +330,40 @@ class Task:
             k = int(np.argmax(size))
             unit = "rad/s" if stretches[0].has_gyroscope else "rad"
             where = f", the largest residual, {size[k]:.3g} {unit}, is at t = {time[k]:.6g} s"
-        what, advice = "this", ": a hand, an impact, or a loose part?"
+        what, advice = "this", ": a hand, an impact, or a loose part? Name"
         if len(self.given) > 1:
-            what, advice = "all of these", "; fit each alone to see which is another body, or"
+            what, advice = "all of these", "; fit each alone to see which is another body, or name"
         between = "the interval between release and catch" if model.is_free else "an interval without hands and impacts"
-        return (
-            f"{self.names}: no rigid body moves {model.words} like {what}{where}{advice} --from and --to (interval=) "
-            f"name {between}"
-        )
+        words = {"how": model.words, "what": what, "where": where, "advice": advice, "between": between}
+        return NoMotionError("no-rigid-body", self.names, **words)
 
 
-def _others(model: Model) -> Iterator[tuple[Model, str]]:
-    """Yield models that are close to one, with words on what they fit, where the direction that is found belongs."""
+SENTENCES["no-rigid-body"] = "no rigid body moves {how} like {what}{where}{advice} {between}: {option[interval]}" + FITS
+SENTENCES["no-inertia"] = (
+    "no body has the inertia implied by {names}: {why} by {outside:.3g} standard errors; check the unit, and that the "
+    "interval is free of hands and impacts" + FITS
+)
+SENTENCES["attitudes-alone"] = (
+    "attitudes alone do not show where free motion begins and ends: {option[interval]}, the interval between release "
+    "and catch, or {option[interval='all']}, which uses every sample"
+)
+
+
+def _others(model: Model) -> Iterator[tuple[Model, str, str]]:
+    """Yield models that are close to one, with words on what they fit, and the option that they need.
+
+    In the words ``{}`` is for the direction that is found.
+    """
     wheel, pivot = model.wheel, model.pivot
     if wheel is not None and wheel.axis is not None:
-        yield replace(model, wheel=replace(wheel, axis=-wheel.axis)), "the rotor turning the other way: axis={}"
-        yield replace(model, wheel=replace(wheel, axis=None)), "the axis of the rotor along {}: axis=fit"
+        yield replace(model, wheel=replace(wheel, axis=-wheel.axis)), "the rotor turning the other way: axis={}", ""
+        yield replace(model, wheel=replace(wheel, axis=None)), "the axis of the rotor along {}: axis=fit", ""
     if pivot is not None and pivot.direction is not None:
         free = replace(model, pivot=replace(pivot, direction=None))
-        yield free, "the centre of mass along {}, or opposite: mass and distance"
+        yield free, "the centre of mass along {}, or opposite: mass and distance", ""
     if model.physical and not model.is_absolute:
-        yield replace(model, physical=False), "moments that no distribution of mass has: --unphysical (physical=False)"
+        unphysical = "moments that no distribution of mass has: "
+        yield replace(model, physical=False), unphysical, Option("physical=False")
 
 
 def _beyond(model: Model) -> str:

@@ -23,6 +23,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..errors import SENTENCES, InputError
 from ..geometry.arrays import Array
 from ..recordings.reading import Rates
 from .estimating import FEWEST as PART
@@ -48,8 +49,22 @@ ROUNDER = 0.03  # weight of a sphere, where a window leaves J along a rotor open
 FALL, SHORTEST = 0.3, 0.1  # g; s
 
 
-class NoMotionError(ValueError):
+class NoMotionError(InputError):
     """Nowhere does a body of the model move as recorded."""
+
+    def __init__(self, code: str, within: str = "", fits: str = "", remedy: str = "", **fields: Any) -> None:
+        super().__init__(code, within, fits=fits, remedy=remedy, **fields)
+
+    def with_what_fits(self, found: dict[str, str]) -> InputError:
+        """Return the error that also says what fits, and which option it needs."""
+        return InputError(self.code, self.within, **self.fields | found)
+
+
+FITS = "{fits}{remedy}"
+SENTENCES["no-motion"] = (
+    "no {what} found: nowhere does the angular velocity follow {law} to {percent:g} %; was it {begun}, and is it "
+    "rigid? Name an interval: {option[interval]}" + FITS
+)
 
 
 def falls(time: Array, acceleration: Array) -> list[tuple[int, int]]:
@@ -154,11 +169,8 @@ class Search:
         what, law = "free motion", "J W' = J W × W"
         if not self.model.is_free:
             what, law = f"motion {self.model.words}", "the equation of such a body"
-        raise NoMotionError(
-            f"no {what} found: nowhere does the angular velocity follow {law} to {100 * FREE:g} %; was it "
-            f"{'thrown' if self.model.pivot is None else 'let go'}, and is it rigid? --from and --to (interval=) name "
-            "an interval"
-        )
+        how = "thrown" if self.model.pivot is None else "let go"
+        raise NoMotionError("no-motion", what=what, law=law, percent=100 * FREE, begun=how)
 
     def longest(self, seeds: Iterable[tuple[int, int]], explained: float) -> tuple[int, int] | None:
         """Return the interval in which the body turns most, of those that the first windows grow to."""

@@ -48,7 +48,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import InputError
+from ..errors import SENTENCES, InputError
 from ..geometry.arrays import Array, as_array, as_floats, as_number, as_positive
 from ..geometry.attitudes import hats, without_jumps
 from ..geometry.rotations import dexp, exp
@@ -174,24 +174,24 @@ def as_gyroscope(
     return Gyroscope(mean, deviation)
 
 
-def _require_told(name: str, model: Model, has_speeds: bool) -> None:
-    """Raise a ValueError where nothing in a recording tells this error of a gyroscope."""
-    how = (
-        f"give {name} as numbers, or with its standard deviation: {{'value': ..., 'error': ...}} (value=...,error=...)"
+AS_NUMBERS = "; otherwise give {option[%s]} as numbers, or with its standard deviation: value and error"
+SENTENCES["delay-untold"] = (
+    "angular velocities alone do not determine their delay; use recorded attitudes on the same clock "
+    "({option[orientation='both']}) or the recorded speed of a rotor" + AS_NUMBERS % "delay"
+)
+for _name, _what in (("misalignment", "its misalignment"), ("axis_scales", "the scales of its single axes")):
+    SENTENCES[f"{_name}-untold"] = (
+        f"a gyroscope in free motion does not determine {_what}: another body would give the same readings; use "
+        "recorded attitudes ({option[orientation='both']}), gravity about a pivot or a rotor" + AS_NUMBERS % _name
     )
-    if name == "delay" and not (model.oriented or has_speeds):
-        raise ValueError(
-            "angular velocities alone do not determine their delay; use recorded attitudes on the same clock "
-            f"(--orientation both, orientation='both') or the recorded speed of a rotor; otherwise {how}"
-        )
+
+
+def _require_told(name: str, model: Model, has_speeds: bool) -> None:
+    """Raise an InputError where nothing in a recording tells this error of a gyroscope."""
     any_axis = name == "misalignment" and "axis" in model.places and model.pivot is None
-    if not model.oriented and (model.is_free or any_axis):
-        what = "its misalignment" if name == "misalignment" else "the scales of its single axes"
-        raise ValueError(
-            f"a gyroscope in free motion does not determine {what}: another body would give the same readings; use "
-            "recorded attitudes (--orientation both, orientation='both'), gravity about a pivot or a rotor; otherwise "
-            f"{how}"
-        )
+    needed = not has_speeds if name == "delay" else model.is_free or any_axis
+    if not model.oriented and needed:
+        raise InputError(f"{name}-untold")
 
 
 def finite_rows(quaternions: Array) -> NDArray[np.intp]:

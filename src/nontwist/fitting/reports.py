@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..errors import SENTENCES, InputWarning
 from ..geometry.attitudes import ENTRIES
 from .estimating import UNLIKELY
 from .measuring import IDEAL, PLACES, UNITS
@@ -194,52 +195,46 @@ def _plain(value: Any) -> Any:
     return None if isinstance(value, float) and not np.isfinite(value) else value
 
 
-def worth(fit: Fit) -> list[str]:
+SENTENCES |= {
+    "undetermined": "the recording does not determine {names}: turn the body about a second axis, or longer",
+    "unsettled": "the fit ended before it settled, in a long valley: neither inertia nor intervals are to be trusted; "
+    "a longer motion, or one about another axis, tells more",
+    "stray": "a sample at t = {time:.6g} s is {times:.3g} times the noise off: an impact? {option[loss='soft_l1']} "
+    "counts single samples less, {option[interval]} can leave a part out",
+    "unexplained": "the residuals are {misfit:.3g} times what noise explains: neither the inertia nor its intervals "
+    "are to be trusted. Are hands or impacts in it ({option[interval]}), does more act on the body "
+    "({option[damping]}), does a part move, is the mass, the centre or the unit wrong? Where the sensor is off by as "
+    "much, {option[noise]} states it",
+    "not-white": "the residuals are not white (correlation of neighbours {correlation:.2f}): {wide}; its noise is "
+    "slow, the sensor filters, something moves in the body, or the air acts ({option[damping]})",
+    "unlikely-error": "an error of the gyroscope is {times:.3g} times its standard deviation: if it may be so large, "
+    "state it ({option[bias]}, {option[scale]}); if not, the inertia is not to be trusted",
+}
+
+
+def worth(fit: Fit) -> list[InputWarning]:
     """Return what is to be said of a fit."""
     said = []
     if fit.untold:
-        said.append(
-            f"the recording does not determine {' nor '.join(one.name for one in fit.untold)}: turn the body about a "
-            "second axis, or longer"
-        )
+        said.append(InputWarning("undetermined", names=" nor ".join(one.name for one in fit.untold)))
     if not (fit.solution.is_settled or fit.untold):
-        said.append(
-            "the fit ended before it settled, in a long valley: neither inertia nor intervals are to be trusted; "
-            "a longer motion, or one about another axis, tells more"
-        )
+        said.append(InputWarning("unsettled"))
     size = abs(fit.residual)
     typical = max(float(np.median(size) / 0.6745), fit.stated_noise)
     row, axis = (int(i) for i in np.unravel_index(int(np.argmax(size)), size.shape))
     if size[row, axis] > STRAY * typical and fit.solution.problem.loss == "linear":
         time = np.concatenate([part.time for part in fit.parts])
-        said.append(
-            f"a sample at t = {time[row]:.6g} s is {size[row, axis] / typical:.3g} times the noise off: an impact? "
-            "--loss soft_l1 (loss=) counts single samples less, --from and --to (interval=) leave a part out"
-        )
+        said.append(InputWarning("stray", time=time[row], times=size[row, axis] / typical))
     if not fit.is_explained:
-        said.append(
-            f"the residuals are {fit.misfit:.3g} times what noise explains: neither the inertia nor its intervals are "
-            "to be trusted. Are hands or impacts in it (--from and --to, interval=), does more act on the body "
-            "(--damping, damping=), does a part move, is the mass, the centre or the unit wrong? Where the sensor is "
-            "off by as much, --noise (noise=) states it"
-        )
+        said.append(InputWarning("unexplained", misfit=fit.misfit))
     elif not fit.is_white:
-        said.append(
-            f"the residuals are not white (correlation of neighbours {fit.correlation:.2f}): "
-            f"{_wide(fit)}; its noise is slow, the sensor filters, something moves in the body, or the air acts "
-            "(--damping, damping=)"
-        )
+        said.append(InputWarning("not-white", correlation=fit.correlation, wide=_wide(fit)))
     elif fit.solution.unlike > UNLIKELY:
-        said.append(
-            f"an error of the gyroscope is {fit.solution.unlike:.3g} times its standard deviation: if it may be so "
-            "large, state it (--bias, bias=; --scale, scale=); if not, the inertia is not to be trusted"
-        )
+        said.append(InputWarning("unlikely-error", times=fit.solution.unlike))
     return said
 
 
 def _wide(fit: Fit) -> str:
-    if fit.solution.slow_noise is None:
-        return "the intervals are too narrow"
     if has_intervals(fit.solution):
         return "the intervals allow for it"
     return f"only {fit.effective_samples:.2g} of {fit.residual.size} samples count: no intervals"

@@ -15,8 +15,8 @@ from ..geometry.values import as_whole
 from . import reports
 from .estimating import whole
 from .measuring import BIAS, PLACES, SCALE
-from .shooting import EXACT, MISFIT, WHITE, correlation, new_of, scatter_of, scatter_of_attitudes
-from .solving import TINY, Solution, solve
+from .shooting import EXACT, MISFIT, correlation, new_of, scatter_of, scatter_of_attitudes
+from .solving import Solution, solve
 from .telling import UNTOLD, Direction, Principal, Told, covariance, directions, principal, quantile, told
 
 TOLD = 0.5  # of what was known of an error of the gyroscope: a fit that leaves more does not tell it
@@ -139,7 +139,7 @@ class Fit:
     @cached_property
     def warnings(self) -> tuple[str, ...]:
         """Problems of the recordings, and of what they determine."""
-        return (*self.read, *reports.worth(self))
+        return (*self.read, *map(str, reports.worth(self)))
 
     @cached_property
     def covariance(self) -> Array:
@@ -288,14 +288,8 @@ class Fit:
 
     @property
     def is_white(self) -> bool:
-        """Whether neighbouring residuals are uncorrelated within 5 standard errors, or negligibly small.
-
-        Those of a gyroscope, or of attitudes alone, must also be as likely under white noise as where a part is slow.
-        """
-        return self.solution.slow_noise is None and all(
-            one.size == 0 or np.sqrt((one**2).mean()) < TINY * size or abs(correlation(one)) < WHITE / np.sqrt(one.size)
-            for one, size in ((self.solution.left_over, self._speed), (self.solution.turned_by, 1.0))
-        )
+        """Whether residuals are as likely under white noise as where a part of it is slow, or negligibly small."""
+        return self.solution.slow_noise is None
 
     @property
     def _speed(self) -> float:

@@ -143,19 +143,26 @@ class Solution:
 
     @cached_property
     def slow_noise(self) -> SlowNoise | None:
-        """The noise of rates, or of attitudes alone, where neighbours are correlated; None where it is white."""
-        problem, found, by = self.problem, self.residuals, self.of_columns
-        size, noisy, white = np.linalg.norm(problem.data), found.rates, [*found.attitudes, *found.beside]
-        if not problem.has_gyroscope:
-            size, noisy, white = np.sqrt(len(self.misses)), found.attitudes, found.beside
-        if not np.linalg.norm(self.misses) > TINY * size:
-            return None
+        """The noise of rates and of attitudes where neighbours are correlated; None where it is white."""
+        problem, by = self.problem, self.of_columns
         soft = problem.loss == "soft_l1"  # whose derivative is what is correlated then
-        recordings = [
-            np.column_stack([A @ by[columns], r / np.sqrt(1 + r**2) if soft else r]).reshape(-1, 3, by.shape[1] + 1)
-            for r, A, columns in noisy
-        ]
-        return noise_of_residuals(recordings, stacked(white, problem.columns)[1] @ by)
+        kinds, white = list[list[Array]](), [*self.residuals.beside]
+        for rows, left, size in (
+            (self.residuals.rates, self.left_over, np.linalg.norm(problem.data)),
+            (self.residuals.attitudes, self.turned_by, np.sqrt(len(self.turned_by))),
+        ):
+            if not np.linalg.norm(left) > TINY * size:
+                white += rows
+                continue
+            kinds.append(
+                [
+                    np.column_stack([A @ by[columns], r / np.sqrt(1 + r**2) if soft else r]).reshape(
+                        -1, 3, by.shape[1] + 1
+                    )
+                    for r, A, columns in rows
+                ]
+            )
+        return noise_of_residuals(kinds, stacked(white, problem.columns)[1] @ by) if kinds else None
 
     def of_inertia(self, covariance: Array) -> Array:
         """Return the covariance of J along the basis."""
@@ -175,8 +182,11 @@ class Solution:
         """As how many numbers of white noise tell the variance of the inertia."""
         if self.slow_noise is None:
             return float(len(self.problem))
-        slow, phi = self._times(self.slow_noise.part) / self._times(self.slow_noise.covariance), self.slow_noise.phi
-        return len(self.problem) / (slow**2 * (1 + phi**2) / (1 - phi**2) + (1 - slow) ** 2)
+        counts, phi, shared, covariance, parts = self.slow_noise
+        q = np.array([self._times(part) for part in parts]) / self._times(covariance)
+        z = q * np.sqrt((1 + phi**2) / (1 - phi**2) / counts)
+        slow = z @ z + shared**2 * (z.sum() ** 2 - z @ z)
+        return float(1 / (slow + (1 - q.sum()) ** 2 / len(self.problem)))
 
     @property
     def samples_each(self) -> float:

@@ -33,7 +33,6 @@ from __future__ import annotations
 
 import math
 import operator
-import os
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
@@ -46,6 +45,7 @@ from ..kernels.kernel import kernel
 from ..kernels.machine_code import width
 from ..kernels.memory import load, store
 from ..kernels.vectors import Vector, cross
+from ..machine import cores
 from .arrays import Array, as_array, as_flag, dot, norm, refuse
 from .frame_kernels import length, reflected
 from .frames import solid_angle
@@ -258,7 +258,7 @@ def _transported(v: Array, a: Array, b: Array) -> Array:
 def gauss_integrals(a: Array, b: Array, *, closed: bool) -> tuple[float, float]:
     """Gauss integral of two polygons, or of the pairs of one, and that of its magnitude; the same for any threads."""
     total, sizes = np.zeros((2, len(a)))
-    threads = max(1, min(os.cpu_count() or 1, len(a) // _ROWS))
+    threads = max(1, min(cores(), len(a) // _ROWS))
     x, y = (np.ascontiguousarray((np.concatenate([one, one[:1]]) if closed else one).T) for one in (a, b))
     y = np.pad(y, ((0, 0), (0, SCRATCH)), mode="edge")
     numbers = np.arange(float(y.shape[1]))

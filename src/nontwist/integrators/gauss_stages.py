@@ -405,8 +405,8 @@ def iterated(
     compensation : Vector
         What P was rounded by, where increments of few stages are changed by it.
     """
-    stages, names, k, level = equations.stages, equations.names, equations.k, equations.level
-    memory, speed = equations.memory, None if k is None else taxicab(k * equations.P)
+    stages, k, level = equations.stages, equations.k, equations.level
+    speed = None if k is None else taxicab(k * equations.P)
     zero, is_dithered = 0.0 * level, compensation is not None and stages.number <= DITHERED
     v = Variables(active=alive, for_newton=zero > 1.0, used=zero, before=zero + INFINITE, earlier=zero + INFINITE)
     v.count, v.last, v.matrix, v.takes = 0, 0, matrix, alive
@@ -414,23 +414,7 @@ def iterated(
     for _ in whilst(lambda: any_of(v.active)):
         count, v.change, v.reach, v.turn = v.count, zero, zero, zero
         is_checked = True if soonest is None else count >= soonest
-        if memory:
-            memory.update_states(v.matrix)
-        for i, stage in stages.each():
-            new = equations.follow(i, stage, v.matrix)
-            d = [x - getattr(stage, name) for name, x in zip(names, new, strict=True)]
-            for name, x in zip(names, new, strict=True):
-                setattr(stage, name if stages.are_together else ahead(name), x)
-            for _ in when(is_checked):
-                turns = d
-                if k is not None:
-                    v.change = larger(v.change, largest_change(stages, k * d[0]))
-                    v.reach = larger(v.reach, stages.largest(taxicab(k * new[0])))
-                    turns = d[1:]
-                if turns:
-                    v.turn = larger(v.turn, largest_change(stages, *turns))
-            if memory:
-                v.turn = larger(v.turn, memory.follow(i, stage))
+        update_increments(equations, v, is_checked)
         v.used, v.takes = select(v.active, v.used + 1.0, v.used), v.active
         v.worse = v.for_newton & False
         for _ in when(is_checked):
@@ -439,10 +423,10 @@ def iterated(
                 now = larger(v.change / (EPS * (speed + v.reach) + TINY), now)
             check_convergence(v, stages.number, zero + count, count - unchecked, now, level)
         if not stages.are_together:
-            stages.take(names, v.takes)
+            stages.take(equations.names, v.takes)
         if k is not None:
             for _ in when(any_of(v.worse)):
-                stages.fill(names[:1], [ZEROS], v.worse)
+                stages.fill(equations.names[:1], [ZEROS], v.worse)
         v.count, v.matrix = count + 1, TABLE.mu
         if is_dithered:
             for _ in when(v.last > 0):
@@ -455,6 +439,31 @@ def iterated(
                 v.last = count + (3 if stages.number == 1 else 2)
                 dither(stages, compensation, v.active)
     return v.for_newton, v.used
+
+
+def update_increments(equations: Any, v: Variables, is_checked: Any) -> None:
+    """Replace the increments by those that follow; look at how far they moved where they are checked.
+
+    ``v.change`` is the largest move of W, ``v.turn`` of the vectors g and of the memory, ``v.reach`` the largest W.
+    """
+    stages, names, k, memory = equations.stages, equations.names, equations.k, equations.memory
+    if memory:
+        memory.update_states(v.matrix)
+    for i, stage in stages.each():
+        new = equations.follow(i, stage, v.matrix)
+        d = [x - getattr(stage, name) for name, x in zip(names, new, strict=True)]
+        for name, x in zip(names, new, strict=True):
+            setattr(stage, name if stages.are_together else ahead(name), x)
+        for _ in when(is_checked):
+            turns = d
+            if k is not None:
+                v.change = larger(v.change, largest_change(stages, k * d[0]))
+                v.reach = larger(v.reach, stages.largest(taxicab(k * new[0])))
+                turns = d[1:]
+            if turns:
+                v.turn = larger(v.turn, largest_change(stages, *turns))
+        if memory:
+            v.turn = larger(v.turn, memory.follow(i, stage))
 
 
 def largest_change(stages: Stages, *vectors: Vector) -> Any:

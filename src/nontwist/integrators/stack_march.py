@@ -11,7 +11,7 @@ where it begins.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from functools import partial
 from itertools import chain
 from typing import Any, NamedTuple
@@ -52,6 +52,15 @@ NEVER = np.array([0, 2**62])  # steps at which a march stores a state by itself
 EPS, SAME = 2.0**-52, 1e-12
 
 
+def unit_of_time(sizes: Sequence[float]) -> float:
+    """Return the power of two near the longest step, s, in which a march measures time; a ValueError out of range."""
+    for h in (min(sizes), max(sizes)):
+        if not SHORTEST <= h <= 1 / SHORTEST:
+            bounds = f"{SHORTEST:g} and {1 / SHORTEST:g} s"
+            raise ValueError(f"step = {h:.3g} s is not between {bounds}; choose another unit of time")
+    return float(power_of_two(np.max(sizes)))
+
+
 class StackMarch:
     """A march of a stack: its arrays, laid out for the kernels.
 
@@ -67,36 +76,51 @@ class StackMarch:
         """Lay out a stack; `known` are parts that there are in any case."""
         self.stack, self.scheme, self.needs = stack, scheme, scheme.needs
         self.outputs = None if stack.output_times is None else Outputs(stack)
-        m, director = len(stack), scheme.is_director_scheme
-        count = len(stack.stored) if self.outputs is None else 1 + len(self.outputs)
-        sizes = stack.grid.sizes
-        for h in (min(sizes), max(sizes)):
-            if not SHORTEST <= h <= 1 / SHORTEST:
-                bounds = f"{SHORTEST:g} and {1 / SHORTEST:g} s"
-                raise ValueError(f"step = {h:.3g} s is not between {bounds}; choose another unit of time")
-        self.unit = float(power_of_two(np.max(sizes)))
-        systems, self.load = as_marched(stack, director)
+        self.unit = unit_of_time(stack.grid.sizes)
+        self._group_members(known)
+        sizes = np.array(stack.grid.sizes)
+        self.sizes = np.stack([sizes / self.unit, np.full(len(sizes), 1.0 / self.unit)], axis=1)
+        self.stored = stack.stored
+        self.lengths = self._lengths(stack.stored) if self.groups[0].needs_means else np.ones(len(stack.stored))
+        if self.outputs is not None:  # the march writes nothing by itself, and sums over time
+            self.stored, self.lengths = NEVER, np.ones(1)
+        self._lay_out()
+        skips_unloaded = scheme.is_exact_without_load and not self.parts.dead
+        self.sampled_steps = int(stack.steps_until(self.load.end)) if skips_unloaded else stack.steps
+        self.part: tuple[int, int, Array] | None = None  # that is marched, the load at its nodes, nodes of a step
+        self.loads, self.count = NOTHING, 1
+        self.begin(stack)
+
+    def _group_members(self, known: dict[str, Any]) -> None:
+        """Find the load, the functions and the bodies as they are marched, and the kinds of motion of the members."""
+        stack, scheme = self.stack, self.scheme
+        systems, self.load = as_marched(stack, scheme.is_director_scheme)
         has_more = known.get("space", False)  # a moment that is added to the load
         self.about = None if has_more else orbit_of(systems, self.load, self.unit, scheme)
         self.functions = StateFunctions(self.load, self.needs.action)
         known |= {"function": self.functions.moments is not None, "generalised": bool(self.functions.generalised)}
-        z = self.load.internal_state
-        known["memory"] = z.size
+        known["memory"] = self.load.internal_state.size
         known.setdefault("integrates_velocity", stack.intervals and self.load.drives)
         known |= {"orbit": self.about is not None, "reports": stack.intervals, "observes": stack.observed}
         how = systems, self.load, self.unit, stack.load_scale, scheme
         self.bodies, self.groups, group = march_parts(*how, **known)
-        self.group = np.broadcast_to(group, m)
+        self.group = np.broadcast_to(group, len(stack))
         self.parts = self.groups[0]._replace(dead=any(parts.dead for parts in self.groups))
-        self.sequence = FIRST if m == 1 else np.argsort(self.group, kind="stable")
+        self.sequence = FIRST if len(stack) == 1 else np.argsort(self.group, kind="stable")
         self.scales, self.table = stack.load_scale / self.bodies[:, BODY.unit], self.needs.table
         self.stages = {parts: scheme.stages(parts) for parts in self.groups}
         self.unloaded = Unloaded(stack, self.load if scheme.is_exact_without_load else None)
-        size, none = STATE.size + self.needs.beside + 2 * z.size, (0,)
+
+    def _lay_out(self) -> None:
+        """Make the arrays of results and of what is carried, and the block that tells a kernel where all is."""
+        stack, m, none = self.stack, len(self.stack), (0,)
+        director, z = self.scheme.is_director_scheme, self.load.internal_state.size
+        count = len(stack.stored) if self.outputs is None else 1 + len(self.outputs)
+        size = STATE.size + self.needs.beside + 2 * z
         self.shapes: dict[str, tuple[int, ...]] = {
             "quaternions": (m, count, 4),
             "velocities": (m, count, 3),
-            "internals": (m, count, z.size) if z.size else none,
+            "internals": (m, count, z) if z else none,
             "normals": (m, count, 6) if director else none,
             "intervals": (m, count - 1, SUMS.size) if stack.intervals else none,
             "states": (m, size),
@@ -107,26 +131,16 @@ class StackMarch:
         }
         self.slab = slab_layout(self.shapes)
         self.arrays, array_addresses = (side_by_side if m == 1 or stack.on_gpu else apart)(**self.shapes)
-        self.block = np.zeros(BLOCK.size, dtype=np.int64)
-        self.sizes = np.stack([np.array(sizes) / self.unit, np.full(len(sizes), 1.0 / self.unit)], axis=1)
         self.guesses = slice(STATE.auxiliary + 6 * director, size)
-        self.stored = stack.stored
-        self.lengths = self._lengths(stack.stored) if self.groups[0].needs_means else np.ones(len(stack.stored))
-        if self.outputs is not None:  # the march writes nothing by itself, and sums over time
-            self.stored, self.lengths = NEVER, np.ones(1)
+        self.block = np.zeros(BLOCK.size, dtype=np.int64)
         pack(self.block, BLOCK, **array_addresses, members=m, state_size=size, output_count=count, director=director)
         pack(self.block, BLOCK, is_constrained=self.parts.is_constrained, action=self.needs.action, orbit=self.about)
         self.internal_scales, own = self.load.internal_scale, self.functions
         pack(self.block, BLOCK, functions=own.moments, generalised=own.generalised, terms=own.terms)
-        pack(self.block, BLOCK, responses=own.responses, internal=z.size, internal_scales=self.internal_scales)
+        pack(self.block, BLOCK, responses=own.responses, internal=z, internal_scales=self.internal_scales)
         pack(self.block, BLOCK, body_stride=BODY.size * (len(self.bodies) > 1), scale_stride=len(self.scales) > 1)
         pack(self.block, BLOCK, order=self.sequence, bodies=self.bodies, scales=self.scales, table=self.table)
         pack(self.block, BLOCK, stored=self.stored, lengths=self.lengths, step=self.sizes)
-        skips_unloaded = scheme.is_exact_without_load and not self.parts.dead
-        self.sampled_steps = int(stack.steps_until(self.load.end)) if skips_unloaded else stack.steps
-        self.part: tuple[int, int, Array] | None = None  # that is marched, the load at its nodes, nodes of a step
-        self.loads, self.count = NOTHING, 1
-        self.begin(stack)
 
     def kernel(self, parts: Parts, width: int = 1, **changes: Any) -> Any:
         """Return what marches a group, so many at a time; `changes` of the parts."""

@@ -17,7 +17,9 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO
 
-# Refusal of files that are not regular: reading a FIFO blocks, some devices never end; and how much memory is free.
+from ..errors import ExistingFileError
+
+# Refusal of files that are not regular: reading a FIFO blocks, some devices never end.
 
 KINDS = ((stat.S_ISFIFO, "a FIFO"), (stat.S_ISCHR, "a device"), (stat.S_ISBLK, "a device"), (stat.S_ISSOCK, "a socket"))
 
@@ -28,18 +30,6 @@ def require_regular(path: str | os.PathLike[str]) -> None:
     for is_kind, name in KINDS:
         if is_kind(mode):
             raise OSError(errno.EINVAL, f"it is {name}, not a regular file; copy its content into a file", str(path))
-
-
-def free_memory() -> int:
-    """Return the memory that can be taken without swapping, in bytes, within the limits of a container."""
-    import psutil
-
-    free: int = psutil.virtual_memory().available
-    try:
-        limit, used = (Path(f"/sys/fs/cgroup/memory.{name}").read_text(encoding="ascii") for name in ("max", "current"))
-        return min(free, max(int(limit) - int(used), 0))
-    except (OSError, ValueError):  # no container, or "max": no limit
-        return free
 
 
 @contextmanager
@@ -82,7 +72,7 @@ def reserved_path(path: str | os.PathLike[str], *, force: bool = False) -> Itera
         raise OSError(f"{path} is not a file that could be replaced; choose another name")
     with locked(place, str(path)):
         if place.exists() and not force:
-            raise FileExistsError(f"{path} exists; choose another name, or overwrite it: --force (force=True)")
+            raise ExistingFileError("exists", path=path)
         yield place
 
 

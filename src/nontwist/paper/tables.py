@@ -1,9 +1,7 @@
-"""The six tables of the paper, compared with computed numbers.
+"""`reproduce`: the three cases of the paper, their tables, figures and runs, in one folder a case, and a page of all.
 
 The paper's invariants are truncated, not rounded, to six decimals: they agree when every printed digit does. Its
 second quotients stopped Newton's iteration at 1e-10; they agree within 6e-5.
-
-`reproduce`: the three cases, their tables, figures and runs, in one folder a case, and a page of all.
 
 The page, ``index.html``, shows tables and figures in the order of the paper, what it prints beside what was computed.
 It holds all pictures and uses no network. In the dark the pictures are inverted, and turned back in hue, so that

@@ -215,19 +215,20 @@ SENTENCES |= {
     "static-alone": "{option[static]} requires {option[align='static']}",
     "one-sensor": "{name} is of two sensors: {option[relative_to]} names the second",
     "shake-of-one-clock": "{option[shake]} aligns two clocks: {option[clocks='shift']} or {option[clocks='drift']}",
-    "sample-counts": "relative_to has {other} samples, the motion {count}: both need times; {option[rate=HZ]} gives "
-    "them when a file is read",
+    "sample-counts": "the second recording has {other} samples, the first {count}: both need times; "
+    "{option[rate=HZ]} gives them when a file is read",
     "no-times": "clocks are aligned from times; both recordings need them: {option[rate=HZ]} when a file is read",
     "time-zones": "the dates of both files are {hours:g} hours apart, and overlap without: taken for two time zones",
-    "clocks-differ": "by the angular speeds the clock of relative_to is to be shifted by {shift:+.4g} s (correlation "
-    "{alike:.2f} without): {option[clocks='shift']} does, {option[clocks='shared']} takes the times as they are",
+    "clocks-differ": "by the angular speeds the clock of the second recording is to be shifted by {shift:+.4g} s "
+    "(correlation {alike:.2f} without): {option[clocks='shift']} does, {option[clocks='shared']} takes the times as "
+    "they are",
     "dates-apart": "by their dates the recordings begin {hours:.3g} hours apart, and their angular speeds do not align "
     "them: are they of one trial? {option[clocks='shift']} says what the speeds lack",
     "clocks-unlike": "the angular speeds correlate by {alike:.2f}: nothing shows that the times are of one clock; "
     "{option[clocks='shift']} looks for a shift, {option[clocks='shared']} takes the times as they are",
     "no-overlap": "the recordings do not overlap: {first:.6g} s to {last:.6g} s, and {other_first:.6g} s to "
     "{other_last:.6g} s; {option[clocks='shift']} finds how their clocks differ",
-    "not-covered": "dropped {rows} at times that relative_to does not cover",
+    "not-covered": "dropped {rows} at times that the second recording does not cover",
     "no-pose": "no sample is between {first:g} and {last:g}; they are from {start:.6g} to {end:.6g}",
     "pose-moves": "the sensors are not at rest in the static pose; {option[static=T0,T1]} says where another is",
     "few-to-align": ENOUGH + "{count} and {other}" + SHARED,

@@ -15,7 +15,8 @@ from ..errors import InputError, InputWarning
 from ..geometry.arrays import Array, as_floats, in_order
 from ..geometry.values import short_repr
 from ..io.run_files import open_run
-from ..io.whole import free_memory, require_regular
+from ..io.whole import require_regular
+from ..machine import free_memory
 from ..spec import takes
 from ..units import RATE, known
 from .conventions import sensor

@@ -71,7 +71,7 @@ STILL = 1.0  # s, of the pose that is looked for
 FEWEST = 5  # samples of it
 MOVES = np.radians(3)  # a pose that turns by more is no rest
 HALF_HOUR, MOST_ZONES, DAY = 1800.0, 28, 86400.0  # s, of which time zones are whole numbers, up to 14 h
-CLOCKS = ("shared", "shift", "drift")
+CLOCKS, SECOND = ("shared", "shift", "drift"), "the second recording"
 CLOSE, SURE = 0.95, 0.97  # least correlation of recordings, and of those that were shaken together
 ALIKE = 0.3  # least correlation of neighbouring segments on one clock, which move on their own
 OVERLAP = 0.3  # of the shorter recording that must overlap
@@ -133,9 +133,9 @@ def _resampled(motion: Motion, beside: Motion, clocks: str | None, shake: Array 
     try:
         [b] = samples(beside)
     except InputError as error:
-        raise error.about("relative_to") from error
+        raise error.about(SECOND) from error
     t, s, A, B = np.asarray(a.time), np.asarray(b.time), a.rotation, b.rotation
-    notes, facts, fit = [*a.notes, *(note.about("relative_to") for note in b.notes)], tuple[str, ...](), None
+    notes, facts, fit = [*a.notes, *(note.about(SECOND) for note in b.notes)], tuple[str, ...](), None
     starts = [one for one in (motion.start, beside.start) if one is not None]
     is_dated, which = len(starts) == 2, "times as they are"
     if is_dated:
@@ -156,7 +156,7 @@ def _resampled(motion: Motion, beside: Motion, clocks: str | None, shake: Array 
     elif clocks is None or is_dated:
         late, alike = float(s[0] - t[0]), speed_correlation(A, t, B, s)
         begins = f"by which it begins {abs(late):.4g} s {'before' if late < 0 else 'after'} the other"
-        facts = (f"clock of relative_to: {which}, {begins} (correlation of the angular speeds {alike:.3f})",)
+        facts = (f"clock of {SECOND}: {which}, {begins} (correlation of the angular speeds {alike:.3f})",)
         if clocks is None and alike < CLOSE and (shift := _shift_by_speeds(A, t, B, s)):
             notes.append(InputWarning("clocks-differ", shift=shift, alike=alike))
         elif not is_dated and alike < ALIKE:
@@ -311,7 +311,7 @@ def fitted_clock(a: Rotation, t: Array, b: Rotation, s: Array, *, drift: bool, s
         shown += f" s at its first sample, drift {ppm:+g} ± {most:g} ppm"
     if shake is not None:
         during = f" from {' and '.join(f'{first:.12g} to {last:.12g} s' for first, last in shake)}:"
-    words = f"clock of relative_to: shifted by {shown}{' s' * (unsure is None)} (correlation of the angular speeds"
+    words = f"clock of {SECOND}: shifted by {shown}{' s' * (unsure is None)} (correlation of the angular speeds"
     times = s[0] + ahead + (1 + slope) * (s - s[0])
     return ClockFit(ahead, slope, unsure, times, f"{words}{during} {correlation:.3f})")
 

@@ -128,8 +128,9 @@ class Start(Section):
         IDENTITY,
     )
     angular_velocity: Velocity = entry(
-        "{ body = [...] } or { space = [...] }: 3 numbers, rad/s, or { body = [...], unit = ... }",
+        "{ body = [...] } or { space = [...] }: 3 numbers, {unit}, or { body = [...], unit = ... }",
         BodyVelocity(body=[0.0, 0.0, 0.0]),
+        unit="rad/s",
     )
     project: bool = entry("true to remove a spin about the constrained axis, false to refuse it", False)
 
@@ -177,7 +178,9 @@ class TimesFile(Section):
 class TimesEvery(Section):
     """Output times at equal distances, from the start, and the end."""
 
-    every: Positive = entry("a positive number, s: output at t_start, so much later, and so on, and at t_end")
+    every: Positive = entry(
+        "a positive number, {unit}: output at t_start, so much later, and so on, and at t_end", unit="s"
+    )
 
     def times(self, time: Time, folder: Folder) -> list[float]:
         """Return the times; a ValueError where they are too many."""
@@ -190,25 +193,28 @@ class TimesEvery(Section):
 class Time(Section):
     """From when to when, in which steps."""
 
-    t_end: float = entry("a number after t_start, s")
-    t_start: float = entry("a number, s", 0.0)
+    t_end: float = entry("a number after t_start, {unit}", unit="s")
+    t_start: float = entry("a number, {unit}", 0.0, unit="s")
     step: Positive | None = entry(
-        "a positive number that divides the span, s; left out: at most 0.05 rad a step, or with gauss an error of 1e-8 "
-        "at most",
+        "a positive number that divides the span, {unit}; left out: at most 0.05 rad a step, or with gauss an error of "
+        "1e-8 at most",
         None,
+        unit="s",
     )
     tolerance: Annotated[float, Field(gt=0, le=0.1)] | None = entry(
-        "a positive number up to 0.1, rad, in place of step: a bound of the error of the attitude, and of that of the "
-        "angular velocity relative to its largest size",
+        "a positive number up to 0.1, {unit}, in place of step: a bound of the error of the attitude, and of that of "
+        "the angular velocity relative to its largest size",
         None,
+        unit="rad",
     )
     store: Annotated[int, Field(ge=1)] | Literal["end"] = entry(
         'a whole number of steps >= 1, or "end" for the first and the last state only', 1
     )
     times: Annotated[TimesFile | TimesEvery | Annotated[list[float], Field(min_length=1)], BY_FORM] | None = entry(
-        "increasing numbers from t_start to t_end, s: output at these times, without store; or a table with the key "
-        "every (s), or with the keys file and column",
+        "increasing numbers from t_start to t_end, {unit}: output at these times, without store; or a table with the "
+        "key every (s), or with the keys file and column",
         None,
+        unit="s",
     )
 
     def output_times(self, folder: Folder) -> list[float] | None:
@@ -299,7 +305,7 @@ class SpinBelow(EventSection):
 
     makes = spin_below
     kind: Literal["spin-below"]
-    value: Positive = entry("a positive number, rad/s")
+    value: Positive = entry("a positive number, {unit}", unit="rad/s")
     axis: Axis | None = entry(AN_AXIS + "components along the directors", None)
     direction: Literal[-1, 0, 1] = entry(DIRECTION, -1)
 

@@ -35,7 +35,7 @@ class Solid(Maker):
     """A shape whose keys are the arguments of the function `inertia`, which is about its centre."""
 
     inertia: ClassVar[Callable[..., Array]]
-    mass: Positive = entry("a positive number, kg")
+    mass: Positive = entry("a positive number, {unit}", unit="kg")
 
     def made(self, offset: Array, folder: Folder) -> MassProperties:
         """Return mass, centre of mass and inertia."""
@@ -46,16 +46,18 @@ class Cuboid(Solid):
     """A solid cuboid."""
 
     inertia = of_cuboid
-    lengths: list[Positive] = entry("3 positive numbers, m: the edges along the body axes", min_length=3, max_length=3)
+    lengths: list[Positive] = entry(
+        "3 positive numbers, {unit}: the edges along the body axes", min_length=3, max_length=3, unit="m"
+    )
 
 
 class Cylinder(Solid):
     """A circular cylinder, solid or hollow."""
 
     inertia = of_cylinder
-    radius: Positive = entry("a positive number, m")
-    length: Positive = entry("a positive number, m")
-    inner_radius: float = entry("a number from 0 to the radius, m", 0.0, ge=0)
+    radius: Positive = entry("a positive number, {unit}", unit="m")
+    length: Positive = entry("a positive number, {unit}", unit="m")
+    inner_radius: float = entry("a number from 0 to the radius, {unit}", 0.0, ge=0, unit="m")
     axis: Axis = entry(AN_AXIS + "along the cylinder, in body components", AXES["z"])
 
 
@@ -64,15 +66,18 @@ class Ellipsoid(Solid):
 
     inertia = of_ellipsoid
     semi_axes: list[Positive] = entry(
-        "3 positive numbers, m: along the body axes; three times the radius for a sphere", min_length=3, max_length=3
+        "3 positive numbers, {unit}: along the body axes; three times the radius for a sphere",
+        min_length=3,
+        max_length=3,
+        unit="m",
     )
 
 
 class Points(Maker):
     """Point masses."""
 
-    masses: list[Annotated[float, Field(ge=0)]] = entry("numbers >= 0, kg, one for each point")
-    positions: list[Vector] = entry("rows of 3 numbers, m: the points, in body components")
+    masses: list[Annotated[float, Field(ge=0)]] = entry("numbers >= 0, {unit}, one for each point", unit="kg")
+    positions: list[Vector] = entry("rows of 3 numbers, {unit}: the points, in body components", unit="m")
 
     def made(self, offset: Array, folder: Folder) -> MassProperties:
         """Return mass, centre of mass and inertia."""
@@ -87,9 +92,9 @@ class Mesh(Maker):
     """A closed surface of triangles from a file."""
 
     file: str = entry("a closed mesh (STL, OBJ, PLY, ...), relative to the run file, in quotes")
-    density: Positive | None = entry("a positive number, kg/m³; or mass is given", None)
-    mass: Positive | None = entry("a positive number, kg; or density is given", None)
-    scale: Positive = entry("a positive number, m: the unit of the file; 0.001 for mm", 1.0)
+    density: Positive | None = entry("a positive number, {unit}; or mass is given", None, unit="kg/m³")
+    mass: Positive | None = entry("a positive number, {unit}; or density is given", None, unit="kg")
+    scale: Positive = entry("a positive number, {unit}: the unit of the file; 0.001 for mm", 1.0, unit="m")
     about: Literal["centre_of_mass", "origin"] = entry(
         'the fixed point: "centre_of_mass", or "origin" of the mesh', "centre_of_mass"
     )
@@ -111,7 +116,7 @@ def _shifted(mass: float, centre: Array, J: Array) -> MassProperties:
 class MadeInertia(Section):
     """A shape, and where it is."""
 
-    offset: Vector = entry("3 numbers, m: from the fixed point to the shape", [0.0, 0.0, 0.0])
+    offset: Vector = entry("3 numbers, {unit}: from the fixed point to the shape", [0.0, 0.0, 0.0], unit="m")
     cuboid: Cuboid | None = entry("a table: A solid cuboid", None)
     cylinder: Cylinder | None = entry("a table: A circular cylinder, solid or hollow", None)
     ellipsoid: Ellipsoid | None = entry("a table: A solid ellipsoid", None)
@@ -136,8 +141,8 @@ GRAVITY = [0.0, 0.0, -9.81]
 class SpinTable(Section):
     """A prescribed spin, linear between its times and constant outside."""
 
-    times: list[float] = entry("2 or more increasing numbers, s", min_length=2)
-    values: list[float] = entry("a rate for each time, rad/s")
+    times: list[float] = entry("2 or more increasing numbers, {unit}", min_length=2, unit="s")
+    values: list[float] = entry("a rate for each time, {unit}", unit="rad/s")
 
 
 class Body(Section):
@@ -145,17 +150,20 @@ class Body(Section):
 
     kind: Annotated[str, OneOf(BODIES, " or ", open=True)]
     inertia: Annotated[Vector | Matrix | MadeInertia, BY_FORM] = entry(
-        "inertia about the fixed point, kg m²: 3 principal values, 3 rows of 3 numbers, or a table like { cuboid = { "
-        "mass = 2.0, lengths = [0.1, 0.2, 0.3] } }"
+        "inertia about the fixed point, {unit}: 3 principal values, 3 rows of 3 numbers, or a table like { cuboid = { "
+        "mass = 2.0, lengths = [0.1, 0.2, 0.3] } }",
+        unit="kg m²",
     )
     axis: Axis | None = entry(AN_AXIS + "the held direction in the body", None)
-    mass: Positive | None = entry("a positive number, kg", None)
+    mass: Positive | None = entry("a positive number, {unit}", None, unit="kg")
     centre_of_mass: Vector | None = entry(
-        "3 numbers, m: from the fixed point to the centre of mass, in body components", None
+        "3 numbers, {unit}: from the fixed point to the centre of mass, in body components", None, unit="m"
     )
-    gravity: Vector | None = entry("3 numbers, m/s², in space; [0.0, 0.0, -9.81] by default", None)
+    gravity: Vector | None = entry("3 numbers, {unit}, in space; [0.0, 0.0, -9.81] by default", None, unit="m/s²")
     spin: Annotated[SpinTable | float, BY_FORM] | None = entry(
-        "a number, rad/s: the prescribed rate about the third axis; or a table with the keys times and values", None
+        "a number, {unit}: the prescribed rate about the third axis; or a table with the keys times and values",
+        None,
+        unit="rad/s",
     )
     physical: bool | None = entry(
         "false for an inertia that no distribution of mass has, as in some published problems", None

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import hashlib
 import os
-import re
 from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import replace
@@ -38,6 +37,7 @@ from ..loads import Load
 from ..models.bodies import standard
 from ..models.spin import as_spin
 from ..models.system import DirectorSystem
+from ..spec import Spec
 from ..units import in_datasets
 from .basic_tables import AnyEvent, Integrator, Output, Start, Time, options_of
 from .body import Body, SpinTable
@@ -270,9 +270,9 @@ def with_loads(file: RunFile, loads: list[LoadSection]) -> RunFile:
 
 def read_run_file(path: str | os.PathLike[str], overrides: Iterable[str] = ()) -> RunFile:
     """Read and check a run file without running it; parameters and errors as `nontwist.Problem.read`."""
-    path, texts = as_path(path, "path"), as_list(overrides, "overrides")
+    path, texts = as_path(path, "path"), as_list(overrides, "set")
     if wrong := [text for text in texts if not isinstance(text, str)]:
-        raise ValueError(f"overrides must be strings 'key=value', got {in_python(wrong[0])}")
+        raise ValueError(f"set must be strings 'key=value', got {in_python(wrong[0])}")
     require_regular(path)
     with path.open("rb") as file:
         data = document(str(path), file.read(LARGEST + 1), path.stat().st_size)
@@ -396,24 +396,20 @@ def json_schema() -> dict[str, Any]:
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema, **own}
 
 
-# Units of the numbers of a run file, from the descriptions of their keys.
+# Units of the numbers of a run file.
 
 
-UNITS = ("kg m² s⁻¹", "kg m²", "N m s", "N m", "N/m", "rad/s", "m/s²", "Hz", "rad", "kg/m³", "kg", "m", "s")
 DEGREES = {"deg": "degree", "degrees": "degree", "radians": "rad"}
-UNIT = re.compile(rf"(?:^|, )({'|'.join(map(re.escape, UNITS))})(?=[:;,]|$)")
 
 
 def unit_of(file: RunFile, key: str) -> str | None:
-    """Return the unit of the numbers under a dotted key, as ``load.0.frequency``; None if it is not one of these."""
-    value, text = file, ""
+    """Return the unit of the numbers under a dotted key, as ``load.0.frequency``; None where they have none."""
+    value, unit = file, ""
     for part in key.split("."):
         if isinstance(value, list) and part.isdecimal() and int(part) < len(value):
             value = value[int(part)]
         elif isinstance(value, Section) and part in type(value).model_fields:
-            if unit := getattr(value, "unit", None):
-                return DEGREES.get(unit, in_datasets(unit))
-            text = type(value).model_fields[part].description or text
+            described = [one for one in type(value).model_fields[part].metadata if isinstance(one, Spec)]
+            unit = getattr(value, "unit", "") or next((one.unit for one in described), "")
             value = getattr(value, part)
-    found = UNIT.search(text)
-    return in_datasets(found[1]) if found else None
+    return DEGREES.get(unit, in_datasets(unit)) or None

@@ -248,7 +248,7 @@ def overridden(name: str, data: dict[str, Any], overrides: Iterable[str]) -> dic
     chosen = dict[str, Any]()
     for override in overrides:
         keys, value = split_override(override)
-        _put(name, f"--set {override}", data, keys, value)
+        _put(name, f"set {override}", data, keys, value)
         chosen[".".join(keys)] = value
     for one, other in (EITHER, EITHER[::-1]):
         if chosen.get(f"time.{one}", LEFT_OUT) is not LEFT_OUT and f"time.{other}" not in chosen:

@@ -60,9 +60,9 @@ class Constant(LoadSection):
     error_key = "end"
     frame: Literal["body", "space"] = entry(FRAME)
     kind: Literal["constant"]
-    moment: Vector = entry("3 numbers, N m")
-    start: float | None = entry("a number, s; the start of the run by default", None)
-    end: float | None = entry("a number after start, s; the end of the run by default", None)
+    moment: Vector = entry("3 numbers, {unit}", unit="N m")
+    start: float | None = entry("a number, {unit}; the start of the run by default", None, unit="s")
+    end: float | None = entry("a number after start, {unit}; the end of the run by default", None, unit="s")
 
     def unscaled(self, folder: Folder) -> Load:
         """Return the load."""
@@ -125,7 +125,7 @@ class Damping(LoadSection):
     makes, error_key, is_swept = damping, "coefficient", False
     kind: Literal["damping"]
     coefficient: Annotated[float | Vector | Matrix, BY_FORM] = entry(
-        "N m s, not negative: a number, 3 numbers along the directors, or 3 rows of 3 numbers"
+        "{unit}, not negative: a number, 3 numbers along the directors, or 3 rows of 3 numbers", unit="N m s"
     )
 
 
@@ -135,7 +135,7 @@ class Rotor(Tabled):
     quantity, count = "kg m² s⁻¹", 2
     kind: Literal["rotor"]
     axis: Axis = entry(AN_AXIS + "a direction in the body")
-    momentum: float | None = entry("a number, kg m² s⁻¹, in place of times and values", None)
+    momentum: float | None = entry("a number, {unit}, in place of times and values", None, unit="kg m² s⁻¹")
     file: str | None = entry(
         "a CSV file in quotes, relative to the run file, in place of times and values: headers, then rows of numbers, "
         "s and kg m² s⁻¹",
@@ -149,9 +149,9 @@ class Rotor(Tabled):
         max_length=2,
     )
     sha256: str | None = entry(HASH, None)
-    times: list[float] | None = entry("2 or more increasing numbers, s", None, min_length=2)
+    times: list[float] | None = entry("2 or more increasing numbers, {unit}", None, min_length=2, unit="s")
     values: list[float] | None = entry(
-        "a momentum for each time, kg m² s⁻¹; constant before the first and after the last", None
+        "a momentum for each time, {unit}; constant before the first and after the last", None, unit="kg m² s⁻¹"
     )
 
     @property
@@ -202,8 +202,8 @@ def table_of(kind: str, cls: type[Term]) -> type[LoadSection]:
     names, required = keys_of(cls), list[str]()
     for name, (form, default, spec) in specs(cls).items():
         kind_of_key = type_of(form, spec) if default is not None else type_of(form, spec) | None
-        described = entry(accepted(form, spec), ... if default is MISSING else plain(default))
-        keys[names[name]] = Annotated[kind_of_key, spec], described
+        described = entry(accepted(form, spec), ... if default is MISSING else plain(default), unit=spec.unit)
+        keys[names[name]] = kind_of_key, described
         required += [names[name]] * (default is MISSING)
 
     def load_of(**given: Any) -> Load:

@@ -30,6 +30,7 @@ from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
 from ..geometry.arrays import AXES
 from ..geometry.values import guess, meant, nearest
+from ..spec import Spec
 from .files import LARGEST_NUMBER, Fault, Keys, dotted, shown, toml_value
 
 YOUR_OWN = "; your own once its module is imported (nontwist --import MODULE)"
@@ -78,9 +79,11 @@ class Section(BaseModel):
             raise PydanticCustomError("found", "wrong keys", {"found": [*found.values()]}) from None
 
 
-def entry(accepted: str, default: Any = ..., **bounds: Any) -> Any:
-    """Return a key of a table: what it accepts in words, its default, and bounds of its value."""
-    return Field(default, description=accepted, **bounds)
+def entry(accepted: str, default: Any = ..., unit: str = "", **bounds: Any) -> Any:
+    """Return a key of a table: what it accepts in words, with ``{unit}`` for its unit, its default, and its bounds."""
+    found: Any = Field(default, description=accepted.replace("{unit}", unit), **bounds)
+    found.metadata.append(Spec(accepted, unit=unit))
+    return found
 
 
 def _components(value: Any) -> Any:

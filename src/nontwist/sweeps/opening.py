@@ -32,12 +32,12 @@ DIMS |= dict.fromkeys(("field", "anchor", "vector", "radial", "normal"), "axis")
 DIMS |= dict.fromkeys(("point", "axis", "coefficient"), "director")
 
 
-def open_sweep(store: str | os.PathLike[str], *, verify: bool = True) -> xarray.Dataset:
+def open_sweep(path: str | os.PathLike[str], *, verify: bool = True) -> xarray.Dataset:
     """Read the store of a sweep, complete or not, as a lazy dataset.
 
     Parameters
     ----------
-    store : path
+    path : path
     verify : bool
         Compare what is read with the SHA-256 that was written with it: the metadata at once, the numbers of a block
         when they are read. With False only the CRC-32C of chunks is verified, as by any other Zarr reader.
@@ -53,7 +53,7 @@ def open_sweep(store: str | os.PathLike[str], *, verify: bool = True) -> xarray.
     Raises
     ------
     ValueError
-        `store` is not a path.
+        `path` is not a path.
     SweepStoreError
         The folder is not the store of a sweep, or its metadata are damaged. Reading the dataset also raises it, and
         names the block, if a block is damaged, exchanged, incomplete or from another store; other blocks can be read.
@@ -87,7 +87,7 @@ def open_sweep(store: str | os.PathLike[str], *, verify: bool = True) -> xarray.
     >>> dict(data.set_coords(keys).set_index(member=keys).unstack("member").status.sizes)
     {'body.inertia.0': 3, 'body.inertia.2': 3}
     """
-    return dataset(open_store(store, verify))
+    return dataset(open_store(path, verify))
 
 
 def dataset(kept: SweepStore) -> xarray.Dataset:
@@ -135,12 +135,12 @@ def _swept(blocks: Blocks, sweep: Sweep, key: str, block_id: tuple[int, ...]) ->
     return values(sweep, *blocks.span(block_id[0]))[key]
 
 
-def sweep_member(store: str | os.PathLike[str], member: int) -> xarray.Dataset:
+def sweep_member(path: str | os.PathLike[str], member: int) -> xarray.Dataset:
     """Run one member of a sweep again, with all variables at the states given by ``time.store`` of the file.
 
     Parameters
     ----------
-    store : path
+    path : path
     member : int
         Number of the member, from 0.
 
@@ -153,7 +153,7 @@ def sweep_member(store: str | os.PathLike[str], member: int) -> xarray.Dataset:
     Raises
     ------
     ValueError
-        There is no such member, its numbers do not define a run, or `store` is not a path.
+        There is no such member, its numbers do not define a run, or `path` is not a path.
     SweepStoreError
         The folder is not the store of a sweep, or its metadata are damaged.
     FileNotFoundError
@@ -174,7 +174,7 @@ def sweep_member(store: str | os.PathLike[str], member: int) -> xarray.Dataset:
     >>> run.sizes["time"], bool((run.quaternion[-1] == data.quaternion[7]).all())
     (11, True)
     """
-    kept = open_store(store)
+    kept = open_store(path)
     number = as_whole(member, "member", 0, len(kept.members) - 1)
     file = kept.members.member(number)
     try:

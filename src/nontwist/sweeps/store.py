@@ -308,7 +308,7 @@ def open_store(path: str | os.PathLike[str], verify: bool = True, members: Membe
     FileNotFoundError
         There is no such folder.
     """
-    path = as_path(path, "store")
+    path = as_path(path, "path")
     if not os.path.exists(path):
         raise FileNotFoundError(f"no such store: {path}")
     place = Path(os.path.realpath(path))

@@ -120,8 +120,8 @@ Report = Callable[[Progress], None]
 
 
 def sweep(
-    run_file: Problem | RunFile | str | os.PathLike[str],
-    store: str | os.PathLike[str],
+    problem: Problem | RunFile | str | os.PathLike[str],
+    path: str | os.PathLike[str],
     *,
     over: Mapping[str, ArrayLike | Mapping[str, Any]] | None = None,
     workers: int | None = None,
@@ -134,12 +134,12 @@ def sweep(
 
     Parameters
     ----------
-    run_file : Problem or path
+    problem : Problem or path
         A run file with a table ``[sweep]``, see the page of run files; with `over` any problem that has no functions.
-    store : path
-        A folder (Zarr), created if it does not exist. An existing store of the same file is completed: every byte is
-        read and compared with its hash, and blocks that are missing, damaged, exchanged or from another store are
-        computed.
+    path : path
+        The store, a folder (Zarr), created if it does not exist. An existing store of the same file is completed: every
+        byte is read and compared with its hash, and blocks that are missing, damaged, exchanged or from another store
+        are computed.
     over : mapping, optional
         What varies, by keys of run files: a list of values, or a table with a `kind` as in ``[[sweep.over]]``. Lists of
         several keys form a product, in which the last varies fastest; ``combine="together"`` pairs them.
@@ -192,11 +192,11 @@ def sweep(
     array([ 2.,  8., 18., 32.])
     """
     report: Report = as_function(progress, "progress") if not isinstance(progress, bool) else lambda now: None
-    file = run_file if isinstance(run_file, RunFile) else as_file(run_file, over, table)
-    members, place = Members(file), Path(os.path.realpath(as_path(store, "store")))
+    file = problem if isinstance(problem, RunFile) else as_file(problem, over, table)
+    members, place = Members(file), Path(os.path.realpath(as_path(path, "path")))
     if not place.parent.is_dir():
         raise FileNotFoundError(f"there is no folder {place.parent}; make it first")
-    with locked(place, str(store)), open_workers(dask, workers) as pool:
+    with locked(place, str(path)), open_workers(dask, workers) as pool:
         kept = _store(place, members, pool.capacity, block)
         found = kept.verified()
         again = sorted([*found.missing, *found.damaged])
@@ -220,13 +220,13 @@ def as_file(given: Any, over: Mapping[str, Any] | None, table: Mapping[str, Any]
         if table:
             raise TypeError(f"sweep() got an unexpected keyword argument {next(iter(table))!r} without over=")
         if not isinstance(given, Problem):
-            return read_run_file(as_path(given, "run_file"))
+            return read_run_file(as_path(given, "problem"))
         if given.file is None:
             raise ValueError("give over= with what varies, or the problem of a run file with [sweep]")
         return given.file
     if not isinstance(over, Mapping):
         raise ValueError(f"over must be a mapping of keys to values, got {short_repr(over)}")
-    problem = given if isinstance(given, Problem) else Problem.read(as_path(given, "run_file"))
+    problem = given if isinstance(given, Problem) else Problem.read(as_path(given, "problem"))
     whole = file_of(problem, Path("problem.toml") if problem.file is None else problem.file.folder / "problem.toml")
     unknown = problem.file is None and whole.body.mass is not None and not as_system(problem.system).weight
     for key, one in over.items():

@@ -14,10 +14,11 @@ from functools import lru_cache
 from importlib import import_module
 from typing import Any, NamedTuple
 
-from ..driver.notices import cores, duration, progress_bar
+from ..driver.notices import duration, progress_bar
 from ..geometry.values import as_whole, short_repr
 from ..integrators import INTEGRATORS
 from ..loads import LOADS
+from ..machine import cores
 from ..models.bodies import BODIES
 from .store import MISSING, Done, SweepStore, open_store
 

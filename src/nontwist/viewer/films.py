@@ -119,7 +119,7 @@ def save_film(
         warn(
             f"the body turns by {math.degrees(turn):.0f}° from picture to picture, on average, so it may seem to turn "
             f"backwards or to stand; use --seconds {enough:g} --fps {FASTEST:g}, or a part of the run: "
-            "--from T0 --to T1, in Python run.sel(time=slice(t0, t1))"
+            "--from T0 --to T1"
         )
     with written(path, force=force) as file:
         shots = map(pictures.at, times)

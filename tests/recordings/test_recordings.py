@@ -20,6 +20,7 @@ from scipy.spatial.transform import Rotation
 
 from conftest import ended
 from nontwist import read_motion, rotation, twist
+from nontwist.recordings import headers
 from nontwist.recordings.conventions import evidence_of
 from nontwist.recordings.formats import READERS, libraries
 from nontwist.recordings.reading import read_rates
@@ -111,6 +112,19 @@ def test_better_excluded_reading_is_said(header, yaw):
         return
     with warned("options-contradicted"):
         same(read(data, euler="XYZ"), Rotation.from_euler("XYZ", angles[::-1].T))
+
+
+def test_slightly_better_order_is_said():
+    """Of small angles the wrong order agrees to 0.994, beside 1.0000."""
+    names = ("yaw (deg)", "pitch (deg)", "roll (deg)")
+    early, angles, late = (np.stack([t, 0.12 * np.sin(6 * t), 0.12 * np.cos(5 * t)]) for t in T + STEPS)
+    early, late = (Rotation.from_euler("ZYX", one.T) for one in (early, late))
+    rates = vector("g{} (deg/s)", np.degrees((early.inv() * late).as_rotvec()) / 2e-4)
+    data = {"time": T, **dict(zip(names, np.degrees(angles), strict=True)), **rates}
+    same(read(data, euler="ZYX"), Rotation.from_euler("ZYX", angles.T))
+    with warned("options-contradicted") as told:
+        read(data, euler="ZXY")
+    assert 0.99 < told[0].fields["mine"] < 0.999 < told[0].fields["best"]
 
 
 OTHER = Rotation.from_rotvec(np.outer(np.sin(9 * T), [0.3, -0.2, 0.1]))
@@ -826,3 +840,27 @@ def test_counters_that_wrap(bits):
     assert np.array_equal(found, ticks)
     assert words.endswith(f" {2**bits}")
     assert counted_on(ticks, BITS) == (pytest.approx(ticks, rel=0), "")
+
+
+@pytest.mark.parametrize(
+    ("gyroscope", "accelerometer"),
+    [("gyro_rad[{}]", "accelerometer_m_s2[{}]"), ("gyroADC[{}] (deg/s)", "accSmooth[{}] (g)")],
+)
+def test_numbered_axes(gyroscope, accelerometer):
+    """As PX4 and Betaflight write them; numbers of joints are no axes."""
+    names = [form.format(k) for form in (gyroscope, accelerometer, "motor[{}]", "joint{} (deg/s)") for k in range(3)]
+    assert headers.sensors(names, headers.GYROSCOPE) == [("", tuple(names[:3]))]
+    assert headers.sensors(names, headers.ACCELEROMETER) == [("", tuple(names[3:6]))]
+
+
+def test_instances_in_turn():
+    """As ArduPilot writes its sensors: rows of two, of nearly the same readings, at the same times."""
+    t = np.repeat(np.arange(0, 1, 0.02), 2)
+    table = pandas.DataFrame({"TimeUS": (1e6 * t).astype(int), "I": np.tile([0, 1], 50)})
+    for name, x in zip(
+        ("qx", "qy", "qz", "qw"), Rotation.from_rotvec(np.outer(t, [0, 0, 1.0])).as_quat().T, strict=True
+    ):
+        table[name] = x
+    with refused("several-sensors", header="I"):
+        read_motion(table)
+    assert read_motion(table, body="1").sizes["time"] == 50

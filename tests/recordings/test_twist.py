@@ -317,3 +317,40 @@ def test_twist_of_a_run():
         with pytest.warns(UserWarning, match="is a guess"):
             counted = twist_of_run(one, "z").twist_angle[-1].item()
         assert counted == pytest.approx(20 * np.ptp(one.time.values), rel=1e-6)
+
+
+def swaying(t):
+    return Rotation.from_euler("ZYX", np.stack([t, 0.5 * np.sin(1.1 * t), 0.8 * np.sin(0.9 * t)], axis=1))
+
+
+@pytest.mark.parametrize(("change", "rows", "told"), [("z", slice(500, None), "1 jump"), ("x", [500], "2 jumps")])
+def test_jump_of_the_attitude(change, rows, told):
+    """A heading that is reset, and a wild sample: 15° between steps of 1°."""
+    t = np.arange(0, 20, 0.02)
+    q = swaying(t).as_quat()
+    twist(swaying(t), t)
+    q[rows] = (Rotation.from_euler(change, 15, degrees=True) * swaying(t)[rows]).as_quat()
+    with pytest.warns(
+        UserWarning, match=rf"^{told} of the attitude, the largest of 1\d(\.\d)?° from row \d+ to row 50"
+    ) as found:
+        wrong = twist(q, t, scalar_first=False)
+    assert len(found) == 1
+    assert wrong.attrs["largest_turn_between_samples"] > np.radians(14)
+
+
+def test_no_jump_in_held_samples():
+    t = np.arange(0, 3, 0.02)
+    twist(Rotation.from_euler("z", np.repeat(t[::3], 3)[:, None]), t)
+    twist(Rotation.from_euler("z", np.where(t < 1, 0, 5 * (t - 1))[:, None]), t)  # it starts to move
+
+
+@pytest.mark.filterwarnings("ignore:1 gap longer")
+def test_turns_lost_in_a_gap():
+    """The body turns by a whole turn in 6 s, as its speed before and behind shows."""
+    t = np.arange(0, 20, 0.02)
+    t = t[(t < 8) | (t >= 14)]
+    with pytest.warns(
+        UserWarning, match=r"\(3\d\d°\): the motion in between is a guess, and whole turns may be missing$"
+    ):
+        found = twist(Rotation.from_euler("ZX", np.stack([t, 0.2 * np.sin(t)], axis=1)), t)
+    assert found.attrs["largest_turn_between_samples"] == pytest.approx(6, rel=0.05)

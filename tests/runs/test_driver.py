@@ -48,6 +48,11 @@ test_refused_with_the_value = refused_as(
         "load": lambda: paper(order=2, load=nt.space_moment(lambda t: (np.inf, 0, 0))),
         "start twice": lambda: paper(start=paper(), rotation=np.eye(3)),
         "start velocity": lambda: paper(start=paper()),
+        "start of entries": lambda: nt.simulate(nt.standard(PAPER_J), t_end=1, start={"angular_velocity": (1, 2, 3)}),
+        "velocity in space": lambda: nt.simulate(
+            nt.standard(PAPER_J), t_end=1, material_angular_velocity=paper().angular_velocity[-1]
+        ),
+        "class of an integrator": lambda: paper(integrator=nt.integrators.Gauss),
         "start that twists": lambda: nt.simulate(nt.nontwisting(PAPER_J), t_end=0.2, step=0.01, start=twisting()),
         "no step small enough": lambda: nt.simulate(nt.standard([1, 1, 1]), **FAST),
     }

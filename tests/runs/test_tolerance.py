@@ -281,6 +281,47 @@ def test_small_pendulum(angle, tolerance):
     assert run.error_estimate <= how["tolerance"]
 
 
+def test_slow_start_of_pendulum():
+    """A bob of 28 kg on 67 m hardly moves at first: no step resolves the moment until they are a thousandth as long."""
+    J, weight = [28 * 67**2, 28 * 67**2, 2.8], 28 * 67 * 9.81
+    load = nt.moment(lambda t, d, w: (-weight * d[2][1], weight * d[2][0], 0.0), compiled=True)
+    how = {"rotation": Rotation.from_rotvec([np.pi - 0.05, 0, 0]), "material_angular_velocity": (5e-5, 3e-5, 0)}
+    run = nt.simulate(nt.standard(J), times=np.linspace(0, 3600, 101), load=load, **how)
+    exact = nt.simulate(nt.heavy_top(J, 28, (0, 0, 67), physical=False), times=run.time.values, tolerance=1e-10, **how)
+    assert run.error_estimate <= 1e-8
+    assert abs(run.directors - exact.directors).max() < 2e-8
+
+
+def test_gyrocompass():
+    """The moment of a weight that turns with the earth is a function; the nutation is faster than the body turns."""
+    latitude, earth, momentum, inertia, period = np.radians(50.0), 7.292e-5, 10.0, 0.5, 1000.0
+    c, s = np.cos(latitude), np.sin(latitude)
+    weight = 1 / (earth * c / momentum * (period / (2 * np.pi)) ** 2 - inertia / momentum**2)
+
+    def hanging(t, d, w):
+        return weight * np.cross(d[2], np.array([c * np.cos(earth * t), c * np.sin(earth * t), s]))
+
+    up, north = np.array([c, 0, s]), np.array([-s, 0, c])
+    d1 = Rotation.from_rotvec(np.radians(5) * up).apply(north)
+    start = Rotation.from_matrix(np.stack([d1, np.cross(up, d1), up], axis=1))
+    load, times = nt.moment(hanging, compiled=True) + nt.rotor((1, 0, 0), momentum), np.arange(0, 2000.0)
+    how = {"times": times, "rotation": start, "load": load, "angular_velocity": (0, 0, earth)}
+    run = nt.simulate(nt.standard([inertia] * 3), **how)
+    assert run.error_estimate <= 1e-8
+    assert round(2000 / run.step) < 100_000  # of an order that follows the nutation in few
+    axis, turned = run.directors.sel(director=1).values, Rotation.from_rotvec(np.outer(earth * times, [0, 0, 1]))
+    azimuth = (np.cross(turned.apply(north), axis) * turned.apply(up)).sum(axis=1)
+    zeros = np.flatnonzero(azimuth[:-1] * azimuth[1:] < 0)
+    assert np.diff(times[zeros]) == pytest.approx(np.full(3, period / 2), rel=0.005)
+
+
+def test_round_off_is_amplified():
+    """A body that turns over time and again about its middle axis, from 1e-6 rad/s across it."""
+    how = {"t_end": 20, "material_angular_velocity": (1e-6, 2 * np.pi, 0)}
+    with pytest.warns(UserWarning, match="; the motion amplifies round-off: a shorter run is known better$"):
+        nt.integrate(nt.standard([1, 2, 3]), **how)
+
+
 def test_gyration_behind_many_kinks():
     """Kinks that are 0.5 s apart, then 60 s that begin with steps in which the rotor turns W by some rad."""
     body, rng = nt.standard([[22, 0.4, -0.3], [0.4, 20.5, 0.2], [-0.3, 0.2, 24.5]]), np.random.default_rng(3)

@@ -70,7 +70,8 @@ def first_step(plan: Plan, begin: Starts, pace: Pieces, swing: float) -> tuple[I
         return np.minimum(np.minimum(longer * h, scheme.largest_turn / fastest), span / 2)
 
     longest = apart_shown(plan, pace, swing).values if plan.is_shown else np.inf
-    waves = np.maximum(rates, 2 * pi * highest_frequency(plan.load))  # which low orders follow in many steps
+    gyration = gyration_rate(plan.systems, plan.load, plan.t_start, plan.t_end)
+    waves = np.maximum(rates, max(2 * pi * highest_frequency(plan.load), gyration))  # low orders need many steps
     shares = lengths / span
 
     def cost(scheme: Integrator) -> float:

@@ -368,6 +368,8 @@ def resolve_integrator(integrator: str | Integrator, order: int | None) -> Integ
         known = nearest(integrator, INTEGRATORS)
         if isinstance(integrator, str) and (method := {one.lower(): one for one in METHODS}.get(integrator.lower())):
             known = f"{method} of SciPy is integrators.Continuous({method!r}); {known}"
+        if isinstance(integrator, type) and issubclass(integrator, Integrator):
+            known = f"an instance is taken: {integrator.__name__}()"
         raise ValueError(f"unknown integrator {short_repr(integrator)}; {known}")
     scheme = INTEGRATORS[integrator]
     if order is None:

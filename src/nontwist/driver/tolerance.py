@@ -51,7 +51,11 @@ LARGER = 32
 CHANGE = 2 * EPS * LARGER
 FLOORS = 10.0
 VAGUE = 1e-3  # rad, the least error that is possible from which on this is told
-ROUNDS, WIDEST, NEARLY = 14, 8.0, 1.6  # refinements; the largest at a time; up to which the finer run is the next
+ROUNDS, WIDEST, NEARLY = (
+    14,
+    8.0,
+    1.6,
+)  # refinements of runs that reach the end; the largest at a time; up to which the finer run is the next
 SAMPLES = 64  # states of a coarse run that show the size of W
 OVERRATED = 1.6  # estimates of |w| that are so much too large are corrected
 COARSE = (Status.TURN, Status.STALLED, Status.BROKEN)
@@ -122,7 +126,9 @@ def controlled(
     before: tuple[int, float] | None = None
     level, slowest, amplified = 0, 0.0, ""
     gyration = gyration_rate(plan.systems, plan.load, plan.t_start, plan.t_end)
-    for _ in range(ROUNDS):
+    rounds = 0
+    while rounds < ROUNDS:
+        rounds += 1
         if coarse is None:
             coarse = run(scheme, grid, _samples(grid, plan.store))
         if floor is None and not (coarse.is_coarse or coarse.is_over):
@@ -145,7 +151,7 @@ def controlled(
         if fine.is_coarse:
             if 2 * coarse.grid.steps > ENOUGH:
                 break
-            grid, coarse, before = _scaled(coarse.grid, 2.0), None, None
+            grid, coarse, before, rounds = _scaled(coarse.grid, 2.0), None, None, rounds - 1  # these end at `ENOUGH`
             continue
         p, N, gap = order_of(scheme), coarse.grid.steps, _distance(coarse, fine)
         d = gap if slowest == 0.0 else _distance(coarse, fine, slowest)
@@ -275,7 +281,10 @@ def _unreached(scheme: Integrator, load: Load, fine: Trial, goal: float, d: floa
     ways = f"{SMOOTH}, " if load.called.terms else ""
     if load.terms:
         ways += "name the times where the load jumps or has kinks with breakpoints=, "
+    ways += "ask for less, or give step="
+    if not load.terms and slope < order_of(scheme) / 2:
+        ways = "the motion amplifies round-off: a shorter run is known better"
     return (
         f"tolerance = {goal:.3g} is not reached: with {fine.grid.steps} steps of order {order_of(scheme):g} the error "
-        f"is estimated as {d:.1e} and falls as if of order {max(slope, 0.0):.1f}; {ways}ask for less, or give step="
+        f"is estimated as {d:.1e} and falls as if of order {max(slope, 0.0):.1f}; {ways}"
     )

@@ -44,6 +44,7 @@ FEWEST, MOST, BLOCKS = 10, 20_000, 20  # rows that tell anything, and that are c
 TURNS = 0.3  # rad by which a body must turn in all for a contradiction
 SAME = 2.0  # of the shortfall from 1 of the best reading: those within fit as well
 BESIDE = 0.01  # by which a reading that fits may fall short of that, without a warning
+FAR, LITTLE = 5.0, 1e-3  # nor by less than that, or than so many times the best; noise is in both
 SAME_ATTITUDE = 1e-9  # by which the product of quaternions of readings that give the same may differ from 1
 SURE = 0.9  # the agreement that takes a reading in place of the stated one
 FITS, MOUNTED = 0.7, 0.95  # least agreement with a gyroscope, and with one whose axes are turned
@@ -209,7 +210,8 @@ def settled(readings: Sequence[Reading], given: Evidence) -> tuple[Reading | Non
             if stated and not is_gravity and any(map(_turns, quats)):
                 _warn("no-reading-fits", what=what, best=best)
         elif stated and (k in own or len(fits) == len(readings)):
-            if k in own and not is_gravity and 1 - mine > SAME * (1 - best) + BESIDE:
+            far = min(SAME * (1 - best) + BESIDE, max(FAR * (1 - best), LITTLE))
+            if k in own and not is_gravity and 1 - mine > far:
                 _warn("options-contradicted", told=told, mine=mine, best=best, another=another)
             others = [j for j, one in enumerate(readings) if one.inverse != stated.inverse]
             if not set(others) & set(fits):  # which tells the direction

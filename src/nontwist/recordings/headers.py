@@ -40,8 +40,17 @@ EULER = ("euler", "angle", "eul")
 ROTATION_VECTOR = ("rotvec", "rotationvector", "rotvector", "rv", "r", "axisangle")
 # Before x, y, z; those of one or two letters are alone there.
 GYROSCOPE: tuple[str, ...] = ("gyroscope", "gyro", "gyr", "angularvelocity", "angularrate", "angvel")
-GYROSCOPE += ("rotationrate", "gyrorotation", "omega", "g", "w")
-ACCELEROMETER = ("accelerometer", "acceleration", "accel", "acc", "linearacceleration", "a")
+GYROSCOPE += ("rotationrate", "gyrorotation", "gyroadc", "gyrorad", "omega", "g", "w")  # Betaflight, PX4
+ACCELEROMETER = (
+    "accelerometer",
+    "acceleration",
+    "accel",
+    "acc",
+    "linearacceleration",
+    "accsmooth",
+    "accelerometerms2",
+    "a",
+)
 # of other sensors and of bodies, not markers
 OTHER: tuple[str, ...] = ("magnetometer", "magneticfield", "mag", "m", "pos", "position", "vel", "velocity")
 OTHER += ("speed", "force", "f", "torque", "moment", "trans", "translation")
@@ -49,7 +58,7 @@ OF_SENSORS = (*GYROSCOPE, *ACCELEROMETER, *OTHER, *QUATERNION, *ROTATION_VECTOR,
 # Columns that name the sensor, body or frame of each row.
 SENSOR = {"sensorid", "sensor", "sensorname", "id", "deviceid", "device", "devicetag", "frameid", "childframeid"}
 SENSOR |= {"headerframeid", "topic", "body", "bodyid", "segment", "tag", "address", "mac", "name", "trackerid"}
-SENSOR |= {"toolid"}
+SENSOR |= {"toolid", "instance", "imu", "i"}  # ArduPilot: I
 _RATE_WORDS = r"(?:deg(?:rees)?(?:/|p|per|_)?s(?:ec)?|dps|mdps|rad(?:ians)?(?:/|p|per|_)?s(?:ec)?|rpm)"
 _BIAS = re.compile(r"^b_[aw]_|[Bb]ias")  # of a sensor, which filters estimate: EuRoC has b_w_RS_S_x
 _REPEATED = re.compile(r"^(.+)\.(\d+)$")
@@ -204,15 +213,18 @@ def sensors(headers: Sequence[str], names: Sequence[str]) -> list[tuple[str, tup
     are of a gyroscope by whatever name. Beside components in the body, which exports of runs name so, others are not.
     """
     found: dict[tuple[str, ...], str] = {}
-    all_threes = list(groups([h for h in headers if not _BIAS.search(h)], "xyz", _without_rate))
+    own = [h for h in headers if not _BIAS.search(h)]
+    all_threes, numbered = (list(groups(own, letters, _without_rate)) for letters in ("xyz", "012"))
     for name in names:
-        for before, after, three in all_threes:
+        for before, after, three in all_threes + numbered * (len(name) > 2):
             if not after and before.endswith(name) and (len(name) > 2 or before == name):
                 found.setdefault(three, before.removesuffix(name))
     if not found and names is GYROSCOPE:
         found = {three: before for before, _, three in all_threes if all(map(rate_unit, three))}
-    own = {three: before.removesuffix("material") for three, before in found.items() if before.endswith("material")}
-    return [(before, three) for three, before in (own or found).items()]
+    material = {
+        three: before.removesuffix("material") for three, before in found.items() if before.endswith("material")
+    }
+    return [(before, three) for three, before in (material or found).items()]
 
 
 def _without_rate(header: str) -> str:

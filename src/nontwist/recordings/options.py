@@ -151,7 +151,7 @@ SENTENCES |= {
     "{option[euler]}, {option[angle_unit]}, {option[scalar_first=True]} or {option[inverse=True]}",
     "no-reading-fits": "no reading of the attitudes agrees with the {what} beside them, {best:.2f} of 1 at best: check "
     "axes and units of both",
-    "options-contradicted": "{told} {mine:.2f} as it is read, {best:.2f} as {another}: the options look wrong",
+    "options-contradicted": "{told} {mine:.4f} as it is read, {best:.4f} as {another}: the options look wrong",
     "unlike-headers": "{words}: the file states another order, and nothing in the file confirms this one",
     "reading-by-evidence": "{told} {best:.2f} as {chosen}, {mine:.2f} as {stated}: the first is taken",
     "not-rotations": "the {what} are no rotations: {low:.6g} to {high:.6g} long, they look like positions or signals",

@@ -45,9 +45,9 @@ from ..geometry.arrays import EPS, Array, arcs, as_array, as_floats, principal_a
 from ..geometry.frame_kernels import transport
 from ..geometry.frames import estimates, rolls, triad_about
 from ..geometry.path_kernels import angles, body_axes
-from ..geometry.values import among, counted, hinted, short_repr
+from ..geometry.values import among, counted, hinted, number_text, short_repr
 from .counting import as_direction
-from .motions import Samples, given_motion
+from .motions import GAP, Samples, given_motion
 from .relative import CLOCKS, relative_motion
 from .twist_noise import noise_level, noise_of_rounding, noise_of_twist, rounding
 
@@ -55,6 +55,8 @@ if TYPE_CHECKING:
     import xarray
 
 VISIBLE = 1e-3  # rad
+NEAR = 8  # steps beside a gap that show how fast a body turns
+JUMP, SEEN = 5.0, 0.05  # times the steps around; rad
 ANTIPODAL = 1e-7
 # Distance from the antipode of the start, rad, below which round-off of the axis hides on which side it is.
 _LOST = 16 * EPS
@@ -290,28 +292,68 @@ def _speeds(motion: Any) -> Array | None:
 
 
 def _steps(p: Array, d3: Array, data: Samples, speeds: Array | None) -> tuple[Array, Array]:
-    """Return the angles between neighbouring axes and attitudes, these by the `speeds` where they are known.
+    """Return the angles between neighbouring axes and attitudes, these by the speeds, which know of whole turns.
 
-    Warns of wide steps and refuses antipodal axes, naming their rows.
+    `speeds` are those of a run; of a recording they are those around a gap. Warns of wide steps, and of single ones of
+    a recording that are far wider than those around, and refuses antipodal axes, naming their rows.
     """
     angle = arcs(d3)
     flat = np.flatnonzero(angle > np.pi - ANTIPODAL)
     if flat.size:
         a, b = data.place(flat[0]), data.place(flat[0] + 1)
         raise ValueError(f"the axis turns by half a turn from {a} to {b}: the shortest path between them is not unique")
-    near = np.where(_dot(p[1:], p[:-1]) < 0, -1.0, 1.0)[:, None]
-    turn = 4 * np.arcsin(np.linalg.norm(p[1:] - near * p[:-1], axis=1) / 2).astype(np.float64)
-    if speeds is not None and data.time is not None:  # whole turns, which attitudes do not show
-        v = speeds[data.rows]
-        least = np.minimum(v[1:], v[:-1]) * np.diff(data.time)
+    turn = _between(p[:-1], p[1:])
+    if data.time is not None:
+        h = np.diff(data.time)
+        if speeds is None:
+            _warn_of_jumps(turn, h, data)
+            least = _around_gaps(p, h)
+        else:
+            v = speeds[data.rows]
+            least = np.minimum(v[1:], v[:-1]) * h
         turn = np.where(least > np.pi, least, turn)
     wide = np.flatnonzero(turn > np.pi / 2)
     if wide.size:
         steps, a, b = counted(wide.size, "step"), data.place(wide[0]), data.place(wide[0] + 1)
         first = f"from {a} to {b} ({np.degrees(turn[wide[0]]):.0f}°)"
-        told = f"{steps} of more than a right angle, the first {first}: the motion in between is a guess"
+        lost = ", and whole turns may be missing" * bool((turn > np.pi).any())
+        told = f"{steps} of more than a right angle, the first {first}: the motion in between is a guess{lost}"
         warn(told)
     return angle, turn
+
+
+def _between(p: Array, q: Array) -> Array:
+    """Return the angles between attitudes."""
+    near = np.where(_dot(p, q) < 0, -1.0, 1.0)[:, None]
+    return np.asarray(4 * np.arcsin(np.minimum(np.linalg.norm(q - near * p, axis=1) / 2, 1.0)))
+
+
+def _around_gaps(p: Array, h: Array) -> Array:
+    """Return by how much a body turns in gaps of the samples at the speed around them: of `NEAR` steps, the lower."""
+    least, last = np.zeros_like(h), len(h)
+    gaps = np.flatnonzero(h > GAP * np.median(h))
+    for k in map(int, gaps):
+        sides = [(max(k - NEAR, 0), k), (k + 1, min(k + 1 + NEAR, last))]
+        speeds = [float(_between(p[i : i + 1], p[j : j + 1])[0] / h[i:j].sum()) for i, j in sides if i < j]
+        least[k] = min(speeds, default=0.0) * h[k]
+    return least
+
+
+def _warn_of_jumps(turn: Array, h: Array, data: Samples) -> None:
+    """Warn of steps that are far faster than all but one of the three before and behind: a reset, or a wild sample."""
+    rate = turn / h
+    near = np.stack([np.roll(np.pad(rate, 3), k)[3:-3] for k in (-3, -2, -1, 1, 2, 3)])
+    around: Array = h * np.sort(near, axis=0)[-2]
+    usual = float(np.quantile(turn, 0.99, method="lower"))
+    jumps = np.flatnonzero(turn > np.maximum(JUMP * around, max(SEEN, 2 * usual)))
+    if jumps.size:
+        k = int(jumps[np.argmax(turn[jumps])])
+        step, beside = np.degrees([turn[k], around[k]])
+        warn(
+            f"{counted(jumps.size, 'jump')} of the attitude, the largest of {step:.3g}° from {data.place(k)} to "
+            f"{data.place(k + 1)} between steps of {number_text(beside, '.2g')}°: if the sensor was reset there or the "
+            "sample is wrong, the twist is wrong by up to as much"
+        )
 
 
 def _swing_twist(p: Array, n: Array) -> Array:

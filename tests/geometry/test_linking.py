@@ -37,7 +37,7 @@ def test_torus_knots_and_links(p, q):
         found = ribbon_twist(x, d1) + writhe(x)
         assert found == pytest.approx(m * k, abs=1e-10)
         assert link(x, x + 1e-3 * d1) == m * k
-        assert linking.integrals(x, x + 1e-3 * d1, closed=True)[0] == pytest.approx(m * k, abs=1e-10)
+        assert linking.gauss_integrals(x, x + 1e-3 * d1, closed=True)[0] == pytest.approx(m * k, abs=1e-10)
     for i in range(g):
         for j in range(i):
             assert link(parts[i][0], parts[j][0]) == link(parts[j][0], parts[i][0]) == m * k

@@ -12,7 +12,6 @@ import pytest
 import nontwist as nt
 from conftest import or_long
 from covering.problems import BODIES, made_load, schemes
-from nontwist.engine import marching
 from nontwist.integrators import EnergyMomentum, gauss_newton
 from nontwist.integrators import marched_stacks as stack_marching
 from nontwist.integrators.compiled import Compiled
@@ -100,21 +99,24 @@ def test_floats_equal_machine_code(scheme, body, load, how, request, monkeypatch
         assert np.array_equal(machine[name].values, floats[name].values, equal_nan=True), name
 
 
-def test_values_and_functions_are_arguments():
-    """A body, a step and a load of other numbers, or with another function, need no other kernel."""
-
-    def other(t, d, w):
-        return (t, w[2], d[0, 0] * 3)
-
-    before, about = None, {"integrator": "energy-momentum", **START}
-    for k in range(1, 6):
-        load, about["step"] = nt.sine((1, 2 + k, 3), 0.7 * k), 0.25 / k
-        nt.simulate(nt.standard([3 + 0.1 * k, 4, 5]), load=load, **about)
-        for functions in ([pushing], [other], [pushing, other]):
-            load = sum((nt.moment(f, compiled=True) for f in functions), nt.Load())
-            assert abs(nt.simulate(nt.nontwisting([3, 4, 5]), load=load, **about).load_work).max() > 1e-7
-        before = before or marching.march_kernel.cache_info().currsize
-        assert marching.march_kernel.cache_info().currsize == before
+@pytest.mark.parametrize("integrator", ["lie-midpoint", "energy-momentum", "gauss"])
+def test_values_and_functions_are_arguments(integrator, monkeypatch):
+    """Another inertia, step, table, stiffness, number of outputs, function or factor needs no other machine code."""
+    compiled, own = [], machine_code.function_of
+    monkeypatch.setattr(machine_code, "function_of", lambda *a, **b: compiled.append(a) or own(*a, **b))
+    first, second = (nt.moment(f, compiled=True) for f in (pushing, lambda t, d, w: (t, w[2], d[0, 0] * 3)))
+    memory, counts = lagging(2), []
+    for k in range(1, 8):
+        nodes = np.linspace(0.0, 0.25, 1 + k)
+        load = nt.space_moment(nodes, np.outer(np.sin(k * nodes), (1, 2, 3))) + nt.sine((1, 2 + k, 3), 0.7 * k)
+        load += (0.1 * k * first + 0.3 / k * second, 1.1 * k * second)[k % 2] + 0.4 * k * memory
+        load += nt.spring(0.2 * k, (0.1 * k, 0, 0.5), (0, 0, 2), 0.1 * k)
+        about = {"integrator": integrator, "load": load, **START, "step": 0.25 / k}
+        run = nt.simulate(nt.standard([3 + 0.1 * k, 4, 5]), times=np.linspace(0.0, 0.25, 3 + k), **about)
+        assert abs(run.load_work).max() > 1e-7
+        counts.append(len(compiled))
+    assert counts[0] > 0
+    assert counts[1:] == [counts[1]] * 6
 
 
 @pytest.mark.parametrize("threads", [1, 3])

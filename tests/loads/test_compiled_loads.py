@@ -25,7 +25,7 @@ from scipy import LowLevelCallable, special
 
 from conftest import BODIES, compiled_load
 from nontwist import body_moment, damping, director_forces, integrate, moment, potential, simulate
-from nontwist.loads.functions import Moment, c_function
+from nontwist.loads.functions import Moment
 from refusals import refused_as
 
 DOUBLES = ctypes.POINTER(ctypes.c_double)
@@ -359,11 +359,8 @@ def test_compiled_once():
 
     loads = [moment(held, compiled=True) for _ in range(3)]
     assert len({load.terms[0].c_function.address for load in loads}) == 1
-    total = c_function(tuple((load.terms[0].c_function, 2.0) for load in loads))
-    assert c_function(tuple((load.terms[0].c_function, 2.0) for load in loads)) is total
     factor, weights[:] = 5.0, 0.0
     assert machine(loads[0].terms[0].c_function, 0.0, np.eye(3), np.ones(3)).tolist() == [2.0, 4.0, 6.0]
-    assert machine(total, 0.0, np.eye(3), np.ones(3)) == pytest.approx([12.0, 24.0, 36.0], rel=1e-15)
 
 
 def test_forces_and_gradients_are_refused():

@@ -25,7 +25,7 @@ from ..integrators.costs import Cost
 from ..integrators.integrator import Failure, Outcome
 from ..integrators.ivp import Stretches
 from ..loads import Load
-from ..loads.load_derivatives import function_of
+from ..loads.load_derivatives import name_of_function
 from ..models.stack import SystemStack
 from . import grid
 from .contacts import refusal
@@ -218,7 +218,7 @@ def warn_of_grid(load: Load, systems: SystemStack, t0: float, t1: float, grid: S
 
 def warn_of_cost(load: Load) -> bool:
     """Warn of loads that run in Python; return whether there are none."""
-    slow = [function_of(term) for term in load.in_python]
+    slow = [name_of_function(term) for term in load.in_python]
     text = (
         f"the load {', '.join(slow)} runs in Python, 4 to 15 calls of it and about 0.1 ms a stage of a step; "
         "compiled=True, as in moment(function, compiled=True), is about 100 times faster"

@@ -12,13 +12,14 @@ from ..errors import warn
 from ..geometry.arrays import Array
 from ..kernels.machine_code import pointer_address
 from ..loads import Load
-from ..loads.functions import MOMENTS, REMEDY, SMALLER, Moment, c_function
+from ..loads.functions import REMEDY, SMALLER, Moment
 from ..loads.load import state_moment_at
 from ..loads.load_derivatives import differenced, slopes_of, value_of
 from ..loads.potentials import GravityGradient, Potential, Quadratic, Spring
 from ..loads.terms import ForceTerm, Term
 from ..spec import specs
 from .generalised import FUNCTION, MOMENT, OF_FORCES, OF_MOMENT, ORBITING, QUADRATIC, SPRING, TERM, generalised
+from .records import CALLED, pack
 
 KEPT = 8  # states whose derivatives are kept
 FUNCTIONS = (FUNCTION, OF_FORCES, OF_MOMENT)  # kinds of terms whose texts are called
@@ -29,10 +30,8 @@ class StateFunctions:
 
     Attributes
     ----------
-    address : int
-        Of the moments of the state as one C function, 0 where there are none.
-    memory_response : int
-        Of what terms with memory give, 0 where there are none.
+    moments, responses : array or None
+        How many functions give moments of the state, and terms with memory; each as `records.Called`.
     generalised : int
         Of what makes moments of director forces and potentials (`generalised`), 0 where there are none.
     terms : int
@@ -42,19 +41,29 @@ class StateFunctions:
     """
 
     def __init__(self, load: Load, action: int = MOMENT) -> None:
-        self.load, self.address, self.memory_response, self.generalised, self.terms = load.called, 0, 0, 0, 0
+        self.load, self.moments, self.responses, self.generalised, self.terms = load.called, None, None, 0, 0
         self._whole, self.action, self.keepalive = load, action, list[Any]()
         self.error: BaseException | None = None
         if self.load.terms:
-            parts: Any = tuple((term.c_function, term.scale) for term in self.load.terms if term.c_function)
-            moment = c_function(parts) if self.load.is_compiled else PythonFunction(self._moment, 3)
-            self.address = self._with_address(moment).address
+            together: Any = [(PythonFunction(self._moment, 3), 1.0, 0)]
+            parts = [(term.c_function, term.scale, 0) for term in self.load.terms]
+            self.moments = self._list(parts if self.load.is_compiled else together)
         if load.memories:
-            parts = tuple((self._with_address(one.c_function or evaluated(one)), one.scale) for one in load.memories)
-            response = c_function(parts, MOMENTS, tuple(one.state0.size for one in load.memories))
-            self.memory_response = self._with_address(response).address
+            self.responses = self._list(
+                [(one.c_function or evaluated(one), one.scale, one.state0.size) for one in load.memories]
+            )
         if any(isinstance(term, ForceTerm) for term in load.terms):
             self._lay_out([*(term for term in load.functions if term.kind == "forces"), *load.potentials])
+
+    def _list(self, functions: Sequence[tuple[Any, float, int]]) -> Array:
+        """Return functions, their factors, and how many internal states each has, as `call_all` takes them."""
+        found = np.zeros(1 + CALLED.size * len(functions))
+        found.view(np.int64)[0] = len(functions)
+        for row, (function, factor, states) in zip(found[1:].reshape(-1, CALLED.size), functions, strict=True):
+            row[CALLED.factor] = factor
+            pack(row.view(np.int64), CALLED, function=self._with_address(function).address, states=states)
+        self.keepalive.append(found)
+        return found
 
     def _lay_out(self, terms: Sequence[Term], slopes: Callable[[Term], Any] | None = None) -> None:
         """Write what `generalised` needs to know of terms; `slopes` are what gives the derivatives of functions."""

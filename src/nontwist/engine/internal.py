@@ -20,15 +20,31 @@ from typing import Any
 from ..kernels.control import Variables, loop, when, whilst
 from ..kernels.elements import larger, logical_not, select, without
 from ..kernels.kernel import part
-from ..kernels.memory import View, call, put, scratch, vector_at
+from ..kernels.memory import View, call, put, scratch, size_of, vector_at
 from ..kernels.vectors import Vector
 from ..loads.functions import MOMENTS
 from ..loads.memory_terms import STATE
 from .newton import EPS, Blocks, Scratch
-from .records import Parts
+from .records import Called, Parts
 from .workspace import NAN, internal
 
 DIFFERENCE, CONTRACTS, CLOSE, ITERATIONS = 2.0**-26, 0.25, 1e-9, 40  # CLOSE: a change before one that is round-off
+
+
+@part
+def call_all(functions: Any, count: int, states: int, t: Any, first: Any, second: Any, found: Any) -> None:
+    """Write the sum of so many numbers of each function times its factor; z' of one and the other follow."""
+    own, v = scratch(count + states), Variables(place=0)
+    for c in range(count):
+        found[c] = 0.0
+    for k in loop(functions.shifted(0, True)[0]):
+        one = View(Called, functions.shifted(1 + size_of(Called) * k))
+        call(one.function, t, first, second.shifted(v.place), own)
+        for c in range(count):
+            found[c] = one.factor * own[c] + found[c]
+        for c in loop(one.states if states else 0):
+            found[count + v.place + c] = own[count + c]
+        v.place = v.place + one.states
 
 
 @part
@@ -58,7 +74,7 @@ def respond(parts: Parts, b: View, state: View, W: Vector) -> tuple[Vector, Vect
         for q in loop(select(is_new, 0, k), k + 1):  # after a change of each of z, and without
             for c in loop(k):
                 z[c] = own[c] + change[c] + select(c == q, DIFFERENCE * size(c), 0.0)
-            call(b.memory_response, state.t, given, z, found)
+            call_all(b.responses, MOMENTS, k, state.t, given, z, found)
             for c in loop(k):
                 equations.row(c)[select(q == k, n, q)] = f * found[MOMENTS + c] - change[c]
         for _ in when(is_new):

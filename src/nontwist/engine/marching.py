@@ -207,10 +207,10 @@ def midpoint_means(nodes: Nodes, dead: Any, found: Step, a: Vector, moment: Any,
 @cache
 def march_kernel(text: Text, parts: Parts) -> Kernel:
     """Return the kernel that marches bodies; it is compiled when it is called."""
-    return Kernel(march(text, parts), "i8", parts.lanes)
+    return Kernel(marching_text(text, parts), "i8", parts.lanes)
 
 
-def march(text: Text, parts: Parts) -> Callable[[Any], None]:
+def marching_text(text: Text, parts: Parts) -> Callable[[Any], None]:
     """Return the text of the march of the members `begin` to `end` of the block's order over the nodes of its grid."""
 
     def kernel(address: Any) -> None:

@@ -165,6 +165,14 @@ class Failure(NamedTuple):
     turn: float
 
 
+class Called(NamedTuple):
+    """One of the functions whose sum acts, each times a factor."""
+
+    function: int
+    factor: float
+    states: int  # how many internal states it has
+
+
 class StateCall(NamedTuple):
     """What functions of the state are called with, and what they give (`generalised`)."""
 
@@ -246,8 +254,8 @@ class Block(NamedTuple):
     space: Doubles  # (nodes, 3) in space
     rotor: Doubles  # (nodes, 6) momentum of the rotors and its rate
     spin: Doubles  # (nodes,) change of the prescribed spin in the step
-    function: int  # address of a moment of the state
-    memory_response: int  # address of what loads with memory give
+    functions: Doubles  # how many moments of the state there are, and each as `Called`
+    responses: Doubles  # the same of what loads with memory give
     internal: int  # how many internal states they have
     internal_scales: Doubles  # of these
     forces: int  # address of (nodes, 18) on the directors: in space, along them; 0: none
@@ -269,7 +277,9 @@ class Block(NamedTuple):
 
 
 # Where their fields lie, for what is packed in Python.
-BODY, STATE, SUMS, OBSERVED, FAILURE, WORK, BLOCK = map(offsets_of, (Body, State, Sums, Observed, Failure, Work, Block))
+BODY, STATE, SUMS, OBSERVED, FAILURE, WORK, BLOCK, CALLED = map(
+    offsets_of, (Body, State, Sums, Observed, Failure, Work, Block, Called)
+)
 
 
 class Parts(NamedTuple):

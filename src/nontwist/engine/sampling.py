@@ -18,7 +18,7 @@ from ..kernels.kernel import part
 from ..kernels.memory import View, call, doubles, fields, vector_at
 from ..kernels.vectors import Matrix, Quaternion, Symmetric, Vector, attitude, cross, first_moment, sum_of, taxicab
 from .generalised import without_turn
-from .internal import respond
+from .internal import call_all, respond
 from .records import FORCES, Body, Found, Parts, StateCall, Work
 from .workspace import turned_into
 
@@ -58,7 +58,8 @@ class Functions(NamedTuple):
                 state.set_number(k, lane.number(FOUND + k))
             state.c_moment, state.t = (0.0, 0.0, 0.0), self.t
             if parts.function:
-                call(b.function, self.t, self.scratch, self.scratch.shifted(W), self.scratch.shifted(C_MOMENT))
+                at = self.scratch
+                call_all(b.functions, 3, 0, self.t, at, at.shifted(W), at.shifted(C_MOMENT))
             if parts.generalised:
                 state.half = tuple(lane.number(FOUND + 12 + k) for k in range(3))
                 state.action, state.terms, state.node = b.action, b.terms, self.forces

@@ -125,7 +125,7 @@ def link(a: ArrayLike, b: ArrayLike) -> int:
     if met := _coincident(np.concatenate(given)):
         raise ValueError(f"a[{met[0]}] and b[{met[1] - len(given[0])}] coincide: the curves meet")
     x, y = normalised(*given)
-    total = integrals(x, y, closed=True)[0]
+    total = gauss_integrals(x, y, closed=True)[0]
     if abs(total - round(total)) > _WHOLE:
         raise ValueError(f"a and b meet: their Gauss integral is {total:.9g}, and no whole number")
     return round(total)
@@ -230,7 +230,7 @@ def directions(x: Array, closed: bool) -> tuple[Array, Array]:
 
 def writhe_and_crossings(x: Array, closed: bool) -> tuple[float, float]:
     """Return the writhe of checked vertices, and their mean number of crossings."""
-    total, size = (2 * found for found in integrals(x, x, closed=closed))
+    total, size = (2 * found for found in gauss_integrals(x, x, closed=closed))
     edges, _ = directions(x, closed)
     if closed:
         half = (1 + total - float(solid_angle(edges)) / (2 * np.pi)) / 2
@@ -255,7 +255,7 @@ def _transported(v: Array, a: Array, b: Array) -> Array:
     return np.stack(reflected(Vector(*v.T), Vector(*(a + b).T)), axis=1)
 
 
-def integrals(a: Array, b: Array, *, closed: bool) -> tuple[float, float]:
+def gauss_integrals(a: Array, b: Array, *, closed: bool) -> tuple[float, float]:
     """Gauss integral of two polygons, or of the pairs of one, and that of its magnitude; the same for any threads."""
     total, sizes = np.zeros((2, len(a)))
     threads = max(1, min(cores(), len(a) // _ROWS))

@@ -94,10 +94,10 @@ class Compiled(Integrator):
 
     def march(self, problem: IVP, threads: int = 1) -> Outcome:
         """Integrate all members, in lanes where there are many."""
-        from .marched_stacks import march
+        from .marched_stacks import march_stack
 
         self.require(problem)
-        return march(problem, threads, self)
+        return march_stack(problem, threads, self)
 
     def between(self, problem: IVP, states: States) -> States | None:
         """Return the states of one body at the times asked for, given those at all nodes of its grid."""

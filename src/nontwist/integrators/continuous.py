@@ -126,7 +126,7 @@ class Continuous(Integrator):
             raise ValueError("form='director' has no prescribed spin; Continuous(form='split') has")
         form: Any = _Director(system) if self.form == "director" else _Split(system)
         if system.spin is not None:
-            form = _Spun(system, problem.t_start)
+            form = _PrescribedSpin(system, problem.t_start)
         state = form.start(problem.directors, problem.velocities)
         size, c = len(state), form.multipliers
         y = np.concatenate([state, np.zeros(4 + c + TURNED * problem.load.drives)])
@@ -236,7 +236,7 @@ class _Split:
         dy[self.size + 4 : self.size + 4 + self.multipliers] = mu
 
 
-class _Spun(_Split):
+class _PrescribedSpin(_Split):
     """State (q, W) of a body with a prescribed spin; `rate` is that of the spin between two of its kinks."""
 
     size = 12
@@ -297,7 +297,7 @@ class _Director:
 
 def _rates(problem: IVP, form: Any, first: float, last: float, may_reject: bool) -> Callable[[float, Array], Array]:
     """Return dy/dt; NaN, on which explicit methods shorten the step, where directors of a trial are far from unit."""
-    if isinstance(form, _Spun):
+    if isinstance(form, _PrescribedSpin):
         form.begin(first, last)
     load, potentials = problem.load.without_potentials, Load(problem.load.potentials)
     forces = Load(tuple(term for term in load.terms if isinstance(term, DirectorForces)))

@@ -26,7 +26,7 @@ from .ivp import IVP
 ONE, ZERO = np.ones(1), np.zeros(3)
 VARIES = 1.1  # the range of V over that of the attitudes that are tried
 MOMENTA = 2000  # times at which those of rotors are sampled
-APART, BENT = (2.0**-10, 2.0**-12), 0.1  # differences, of the size of numbers; by how much slopes differ
+DIFFERENCES, UNEQUAL = (2.0**-10, 2.0**-12), 0.1  # differences, of the size of numbers; by how much slopes differ
 GONE = 7.0  # -log of what is left of a mode that has decayed
 SAMPLE_NS, CALL_NS, PYTHON_NS = 60, 10_000, 200_000  # a node of a load; in Python; a substep with a load of the state
 TIMED, ENOUGH = 10, 0.1  # calls that are timed at most, and s after which two must do
@@ -123,12 +123,12 @@ def _slopes(function: Callable[[Array], Array], x: Array, size: Array) -> Array:
     try:
         with np.errstate(all="ignore"):
             coarse, fine = (
-                np.array([(function(x + d) - function(x - d)) / (2 * d.sum()) for d in np.diag(apart * size)])
-                for apart in APART
+                np.array([(function(x + d) - function(x - d)) / (2 * d.sum()) for d in np.diag(relative * size)])
+                for relative in DIFFERENCES
             )
     except Exception:  # a run says what is wrong with a function
         return np.zeros((x.size, x.size))
-    is_smooth = abs(coarse - fine).max() <= BENT * abs(fine).max()  # also not where a number is none
+    is_smooth = abs(coarse - fine).max() <= UNEQUAL * abs(fine).max()  # also not where a number is none
     return fine if is_smooth else np.zeros((x.size, x.size))
 
 

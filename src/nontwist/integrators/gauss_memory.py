@@ -25,11 +25,12 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
+from ..engine.internal import call_all
 from ..engine.sampling import DIFFERENCE, Nodes
 from ..engine.workspace import internal
 from ..kernels.control import Variables, loop
 from ..kernels.elements import fma, larger, select
-from ..kernels.memory import View, call, put, scratch, size_of, vector_at
+from ..kernels.memory import View, put, scratch, size_of, vector_at
 from ..kernels.vectors import Matrix, Vector
 from ..loads.functions import MOMENTS
 from ..loads.memory_terms import STATE
@@ -45,7 +46,7 @@ class Memory:
 
     def __init__(self, nodes: Nodes, stages: Stages) -> None:
         self.nodes, self.stages, self.count, block = nodes, stages, nodes.parts.memory, nodes.block
-        self.start, self.scales, self.function = internal(block), block.internal_scales, block.memory_response
+        self.start, self.scales, self.functions = internal(block), block.internal_scales, block.responses
         self.h, first = nodes.h / nodes.rate, size_of(Stage)
         self._increment, self._z, self._rate = (first + k * self.count for k in range(3))
 
@@ -102,7 +103,7 @@ class Memory:
         put(given, (*d, w, W))
         for c in loop(self.count):
             z[c] = stage.number(self._z + c)
-        call(self.function, t, given, z, found)
+        call_all(self.functions, MOMENTS, self.count, t, given, z, found)
         for c in loop(self.count):
             rate = found[MOMENTS + c]
             stage.set_number(self._rate + c, rate)

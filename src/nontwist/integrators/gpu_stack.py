@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..engine.generalised import generalised
-from ..engine.marching import Text, march
+from ..engine.marching import Text, marching_text
 from ..engine.records import BLOCK, Block, Parts, pack
 from ..engine.workspace import CALL, IN_BLOCK, begin_call, for_some
 from ..errors import InputError
@@ -81,12 +81,8 @@ class GpuMarch(StackMarch):
 
 
 def texts_of(functions: Any) -> dict[tuple[int, int], Any]:
-    """Return the texts of functions that were traced, and of those that they call."""
-    found: dict[tuple[int, int], Any] = {}
-    for one in functions:
-        if isinstance(one, MachineFunction):
-            found |= {(4, one.address): one.text} | texts_of(one.owners)
-    return found
+    """Return the texts of functions that were traced."""
+    return {(4, one.address): one.text for one in functions if isinstance(one, MachineFunction)}
 
 
 def arrays_in(found: Any) -> Iterator[Any]:
@@ -141,7 +137,7 @@ def member(
 
     The workspace has room for so many numbers; a member carries `state_size` from step to step.
     """
-    onwards, to_output = part(march(text, parts)), part(march(text, parts._replace(observes=False)))
+    onwards, to_output = part(marching_text(text, parts)), part(marching_text(text, parts._replace(observes=False)))
 
     def run(address: Any, number: Any) -> None:
         b = copied(Block, doubles(address))

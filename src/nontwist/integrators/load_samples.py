@@ -201,7 +201,7 @@ def beside_chord(rate: Array, length: Array, middles: Array) -> Array:
     return np.concatenate([length[:, None, None] * np.einsum("ij,njc->nic", A, rate), rate], axis=2)
 
 
-def integrals(nodes: Array, ends: Array) -> Any:
+def lagrange_integrals(nodes: Array, ends: Array) -> Any:
     """Return the integrals of the Lagrange polynomials of some nodes from 0 to each of the ends, (..., nodes)."""
     x, y, k = 2 * nodes - 1, 2 * ends - 1, np.arange(1, len(nodes))
     P = legvander(y, len(nodes))
@@ -213,7 +213,7 @@ def integrals(nodes: Array, ends: Array) -> Any:
 @lru_cache
 def coefficients(middles: tuple[float, ...]) -> tuple[Array, Array]:
     """Return A, b of the collocation at some nodes: integrals of its polynomials up to each node, and to the end."""
-    found = integrals(np.array(middles), np.array([*middles, 1.0]))
+    found = lagrange_integrals(np.array(middles), np.array([*middles, 1.0]))
     return found[:-1], found[-1]
 
 

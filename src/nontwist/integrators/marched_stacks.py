@@ -54,7 +54,7 @@ def dense_of(problem: IVP, scheme: Compiled) -> Dense | None:
     return Dense(problem, scheme)
 
 
-def march(problem: IVP, threads: int, scheme: Compiled, can_be_dense: bool = True) -> Outcome:
+def march_stack(problem: IVP, threads: int, scheme: Compiled, can_be_dense: bool = True) -> Outcome:
     """March a stack; a member that fails keeps its good states."""
     if not scheme.is_director_scheme:
         problem = on_constraint(problem)
@@ -84,14 +84,14 @@ def march(problem: IVP, threads: int, scheme: Compiled, can_be_dense: bool = Tru
             if is_one:
                 failures[i, 0], reasons[i] = Status.LOAD, todo.functions.reason(todo.last_call)
             else:
-                alone = march(replace(problem.member(i), on_gpu=False), 1, scheme)
+                alone = march_stack(replace(problem.member(i), on_gpu=False), 1, scheme)
                 failures[i, 0], reasons[i] = alone.failures[0, 0] or Status.LOAD, alone.reasons.get(0, "")
     first = todo.skipped
     if dense is not None:
         if end is None and common is not None and common.status is Status.INTERRUPTED and common.step:
             end = common.step  # a node, and seldom an output
         if (outputs := dense.outputs(good, end)) is None:
-            return march(problem, threads, scheme, False)
+            return march_stack(problem, threads, scheme, False)
         (arrays, good), first = outputs, dense.skipped
     intervals = intervals_in(todo, arrays, first) if problem.intervals else None
     observed = _observed(todo) if problem.observed else None
@@ -118,7 +118,7 @@ def _by_kept_march(problem: IVP, scheme: Compiled) -> Outcome | None:
         dense = _kept_outputs(done.march, known.tobytes(), problem.intervals)
         found, first = dense.outputs(done.numbers, done.scale), dense.skipped
         if found is None:
-            return march(problem, 1, scheme, False)
+            return march_stack(problem, 1, scheme, False)
         arrays = found
     else:
         parts = problem.memory, problem.normal, problem.progress, known

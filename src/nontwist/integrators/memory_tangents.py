@@ -35,7 +35,7 @@ from ..kernels.vectors import Matrix, Vector, cross, first_moment
 from ..loads import Load
 from ..loads.functions import MOMENTS, differentiated
 from ..loads.load import tables_as_moments
-from ..loads.load_derivatives import tangents_of
+from ..loads.load_derivatives import derivatives_of_columns
 from ..loads.memory_terms import Memory, Wheel
 from ..loads.terms import Damping, OfTime, Rotor
 from .compiled import Compiled
@@ -140,7 +140,7 @@ class RememberingSteps:
         free = self.Q @ (torque + pulled_back(R, push))
         made = [*(c for row in R for c in cross(row, W)), *(free - self.Q @ (dJ @ free)), *rates]
         values = np.stack([np.broadcast_to(plain(one), t.shape) for one in made], axis=1)
-        return values, tangents_of(made, count, len(t))
+        return values, derivatives_of_columns(made, count, len(t))
 
     def _varied(self, number: int, wheel: Wheel, changes: list[Any]) -> dict[str, Any]:
         """Return the fields of a wheel that are parameters, with their changes."""

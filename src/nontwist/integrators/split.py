@@ -82,7 +82,7 @@ from .compiled import ONCE, Compiled
 from .costs import Cost, steps_cost
 from .gauss_coefficients import nodes as gauss_nodes
 from .integrator import IVP, SPIN
-from .load_samples import Unloaded, coefficients, integrals
+from .load_samples import Unloaded, coefficients, lagrange_integrals
 
 _SUZUKI = 1 / (4 - 4 ** (1 / 3))
 
@@ -248,7 +248,7 @@ class GaussRule(NamedTuple):
 def gauss_rule(s: int) -> GaussRule:
     """Return the coefficients of s Gauss nodes; the attitude at a single one is turned by half the step."""
     c = gauss_nodes(2 * s)
-    inner = integrals(c, np.outer(c, c)) if s > 1 else np.full((1, 1, 1), 0.5)
+    inner = lagrange_integrals(c, np.outer(c, c)) if s > 1 else np.full((1, 1, 1), 0.5)
     matrix, weights = coefficients(tuple(c.tolist()))
     return GaussRule(c, weights, matrix, inner)
 

@@ -98,7 +98,7 @@ class StackMarch:
         has_more = known.get("space", False)  # a moment that is added to the load
         self.about = None if has_more else orbit_of(systems, self.load, self.unit, scheme)
         self.functions = StateFunctions(self.load, self.needs.action)
-        known |= {"function": bool(self.functions.address), "generalised": bool(self.functions.generalised)}
+        known |= {"function": self.functions.moments is not None, "generalised": bool(self.functions.generalised)}
         known["memory"] = self.load.internal_state.size
         known.setdefault("integrates_velocity", stack.intervals and self.load.drives)
         known |= {"orbit": self.about is not None, "reports": stack.intervals, "observes": stack.observed}
@@ -135,10 +135,9 @@ class StackMarch:
         self.block = np.zeros(BLOCK.size, dtype=np.int64)
         pack(self.block, BLOCK, **array_addresses, members=m, state_size=size, output_count=count, director=director)
         pack(self.block, BLOCK, is_constrained=self.parts.is_constrained, action=self.needs.action, orbit=self.about)
-        function, generalised, terms = self.functions.address, self.functions.generalised, self.functions.terms
-        pack(self.block, BLOCK, function=function, generalised=generalised, terms=terms)
-        self.internal_scales, response = self.load.internal_scale, self.functions.memory_response
-        pack(self.block, BLOCK, memory_response=response, internal=z, internal_scales=self.internal_scales)
+        self.internal_scales, own = self.load.internal_scale, self.functions
+        pack(self.block, BLOCK, functions=own.moments, generalised=own.generalised, terms=own.terms)
+        pack(self.block, BLOCK, responses=own.responses, internal=z, internal_scales=self.internal_scales)
         pack(self.block, BLOCK, body_stride=BODY.size * (len(self.bodies) > 1), scale_stride=len(self.scales) > 1)
         pack(self.block, BLOCK, order=self.sequence, bodies=self.bodies, scales=self.scales, table=self.table)
         pack(self.block, BLOCK, stored=self.stored, lengths=self.lengths, step=self.sizes)

@@ -23,7 +23,7 @@ from .linearised_runs import LONGEST, Chunk, Entries, EntriesOf, Linearised, Ste
 from .stepping import PerThread
 
 TOGETHER = 32, 4, 1  # steps between two times at which changes are made orthonormal
-LOST, NOTHING = 1e-6, 1e-300  # of the largest growth between them: what has lost digits; no growth
+CANCELLED, NOTHING = 1e-6, 1e-300  # of the largest growth between them: what has lost digits; no growth
 
 
 def forward(steps: Linearised, states: States, start: Array, entries: EntriesOf, is_stored: StepMask) -> Array:
@@ -235,7 +235,7 @@ class Growth:
             ends = [np.append(np.arange(k + together, last, together), last) for k, last in parts]
             times = self._steps.problem.times(np.concatenate(ends))
             lengths = self._lengths(states, own, together, len(times))
-            if together == 1 or (lengths.min(axis=1) > LOST * lengths.max(axis=1)).all():
+            if together == 1 or (lengths.min(axis=1) > CANCELLED * lengths.max(axis=1)).all():
                 break
         return times, np.cumsum(np.log(np.maximum(lengths, NOTHING)), axis=0)
 

@@ -141,13 +141,13 @@ def function_of(code: str, entry: str, kind: Any = KIND) -> Any:
     return function
 
 
-_UNSEEN = (str(Path(__file__).parent), str(Path(np.__file__).parent), contextlib.__file__, "<frozen")
+_FOLDERS = (str(Path(__file__).parent), str(Path(np.__file__).parent), contextlib.__file__, "<frozen")
 _local = threading.local()  # what this thread traces
 
 
 def is_text(file: str) -> bool:
     """Whether a file is outside this folder and NumPy."""
-    return not file.startswith(_UNSEEN)
+    return not file.startswith(_FOLDERS)
 
 
 class TraceError(TypeError):

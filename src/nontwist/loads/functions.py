@@ -4,9 +4,10 @@ A text of a load calls them by `checked`, `plainly` or `differentiated`, or, whi
 `kernels.user_functions.traced`, so that it is written once. Each takes a function, its arguments and the shape of what
 it gives, and returns the numbers row by row.
 
-Compiled functions of the state are traced, as C functions of one signature, so that no kernel is compiled again. A C
-function is ``void (t, directors, angular_velocity, found)``, of a moment, of forces on the directors or, of γ in
-place of the directors, of a potential and its gradient. What a function finds beside its arguments is fixed.
+Compiled functions of the state are traced, as C functions of one signature, so that no kernel is compiled again, nor
+they for another factor. A C function is ``void (t, directors, angular_velocity, found)``, of a moment, of forces on the
+directors or, of γ in place of the directors, of a potential and its gradient. What a function finds beside its
+arguments is fixed.
 
 C functions that a caller brings, through ctypes, SciPy or Numba, are called as they are; here their signature is
 checked, as far as their maker declares it.
@@ -18,7 +19,6 @@ import ctypes
 import inspect
 import pickle
 from collections.abc import Callable, Sequence
-from functools import lru_cache
 from math import isfinite
 from threading import RLock
 from typing import TYPE_CHECKING, Any, NoReturn
@@ -31,7 +31,7 @@ from ..kernels import machine_code
 from ..kernels.dual import plain, seeded, tangent
 from ..kernels.elements import Element
 from ..kernels.machine_code import tracing
-from ..kernels.memory import Pointer, call, put, scratch
+from ..kernels.memory import Pointer, put
 from ..kernels.user_functions import UserTracer, numbers, traced
 
 if TYPE_CHECKING:
@@ -243,7 +243,6 @@ def _in_capsule(callback: Any) -> int:
 
 
 ENTRY, ARGUMENTS = "load", "double %t, ptr %directors, ptr %velocity, ptr %found"
-Parts = tuple[tuple[Any, float], ...]
 _known: WeakValueDictionary[str, MachineFunction] = WeakValueDictionary()
 _lock = RLock()
 
@@ -256,11 +255,11 @@ class MachineFunction:
     address : int
     text : function
         What it was traced from: of time, two addresses, and where what is found goes.
-    owners : tuple
-        What lives as long, the functions that it calls among it.
+    owners : list
+        What lives as long.
     """
 
-    def __init__(self, code: str, text: Callable[..., None], owners: tuple[Any, ...]) -> None:
+    def __init__(self, code: str, text: Callable[..., None], owners: list[Any]) -> None:
         self._function = machine_code.function_of(code, ENTRY, kind=Moment)
         self.address, self.text, self.owners = machine_code.pointer_address(self._function), text, owners
 
@@ -303,28 +302,7 @@ def _name(function: Any) -> str:
     return type(owner).__name__ if hasattr(type(owner), "c_function") else getattr(function, "__name__", repr(function))
 
 
-@lru_cache(maxsize=256)
-def c_function(parts: Parts, count: int = 3, states: tuple[int, ...] = ()) -> Any:
-    """Return C functions as one: the sum of so many numbers of each times its factor; the same parts give the same one.
-
-    Of terms with memory `states` are how many internal states each has; z' of one and the other follow.
-    """
-    if len(parts) == 1 and parts[0][1] == 1 and not states:
-        return parts[0][0]
-
-    def total(t: Any, first: Pointer, second: Pointer) -> list[Any]:
-        sums, rates = [0.0] * count, list[Any]()
-        for (part, factor), size in zip(parts, states or [0] * len(parts), strict=True):
-            own = scratch(count + size)
-            call(part.address, t, first, second.shifted(len(rates)), own)
-            sums = [factor * own[k] + sums[k] for k in range(count)]
-            rates += [own[count + k] for k in range(size)]
-        return sums + rates
-
-    return _made(total, tuple(part for part, _ in parts))
-
-
-def _made(text: Callable[..., list[Any]], owners: tuple[Any, ...] = ()) -> MachineFunction:
+def _made(text: Callable[..., list[Any]]) -> MachineFunction:
     """Return the C function that writes the numbers that a text gives; the same code is compiled once."""
     t = UserTracer(1, machine_code.is_fused())
 
@@ -339,5 +317,5 @@ def _made(text: Callable[..., list[Any]], owners: tuple[Any, ...] = ()) -> Machi
     with _lock:
         made = _known.get(t.text)
         if made is None:
-            made = _known[t.text] = MachineFunction(t.text, write_all, (*owners, *t.keepalive))
+            made = _known[t.text] = MachineFunction(t.text, write_all, t.keepalive)
     return made

@@ -79,7 +79,7 @@ def _slopes(term: Term, times: Array, name: str = "") -> Array:
     count = np.size(getattr(term, name)) if name else 1
     if term.columns is not None:
         seeded = term.seeded(name) if name else term
-        return tangents_of(seeded.columns(times if name else Dual(times, [1.0])), count, len(times))
+        return derivatives_of_columns(seeded.columns(times if name else Dual(times, [1.0])), count, len(times))
     first = 1 + sum(np.size(getattr(term, other)) for other in term.varying[: term.varying.index(name)]) if name else 0
     found = [slopes_of(term, np.array([t, *term.numbers])) for t in times.tolist()]
     if differences := {function for _, function in found} - {""}:
@@ -134,7 +134,7 @@ def slopes_of(term: Term, x: Array, speed: float = 1.0, has_time: bool = True) -
     if has_own:
         by_directors, by_velocity = own_derivative(term, float(x[12]), x[:9].reshape(3, 3), x[9:12])
         found[:, 1:10], found[:, 10:13] = by_directors.reshape(3, 9), by_velocity
-    return found, "" if is_exact or has_own else function_of(term)
+    return found, "" if is_exact or has_own else name_of_function(term)
 
 
 def _by_duals(term: Term, x: Array) -> Array | None:
@@ -176,7 +176,7 @@ def own_derivative(term: Term, t: float, directors: Array, velocity: Array) -> t
     return found[0], found[1]
 
 
-def function_of(term: Term) -> str:
+def name_of_function(term: Term) -> str:
     """Return the name of the function of a term, as of the motor of a wheel."""
     own = term.gradient if isinstance(term, PotentialFunction) else getattr(term, "motor", None)
     return name_of(own or getattr(term, "friction", None) or term.called).removeprefix("__main__.")
@@ -191,7 +191,7 @@ def differenced(names: Iterable[str]) -> str:
     )
 
 
-def tangents_of(columns: Any, count: int, rows: int) -> Array:
+def derivatives_of_columns(columns: Any, count: int, rows: int) -> Array:
     """Return the derivatives of columns, numbers along times, (rows, columns, count)."""
     found = [[np.broadcast_to(tangent(y, j), rows) for j in range(count)] for y in columns]
     return np.moveaxis(np.array(found, dtype=np.float64), -1, 0)
@@ -223,7 +223,7 @@ def fixed_slopes(term: Term, name: str) -> Array:
     fixed: Any = own.damping if isinstance(own, Damping) else own.dead_force
     if name == "scale":
         return np.reshape(fixed, (9, 1))
-    return term.scale * tangents_of(fixed.ravel().tolist(), np.size(getattr(term, name)), 1)[0]
+    return term.scale * derivatives_of_columns(fixed.ravel().tolist(), np.size(getattr(term, name)), 1)[0]
 
 
 def _weights(known: Array, times: Array) -> tuple[NDArray[np.int64], NDArray[np.int64], Array]:

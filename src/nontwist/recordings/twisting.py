@@ -155,9 +155,9 @@ def twist(
     -----
     UserWarning
         Rows are dropped (zero or not finite, or duplicate times) or sorted; times look rounded, there are gaps, the
-        attitude jumps, or neighbouring samples are more than a right angle apart: the message states their number and the first row,
-        counted from 0, or its line in a text file. The body moves while it should be at rest. Dates are taken for
-        those of two time zones.
+        attitude jumps, or neighbouring samples are more than a right angle apart: the message states their number and
+        the first row, counted from 0, or its line in a text file. The body moves while it should be at rest. Dates are
+        taken for those of two time zones.
 
     Examples
     --------

@@ -286,6 +286,14 @@ LOADS = {
         f'kind = "constant"\n{F}moment = [1, 2, 3]\nstart = 0.25\nend = 0.5',
         pulse([1, 2, 3], 0.25, 0.5, shape="rectangle", frame="space"),
     ),
+    "constant until an end": (
+        f'kind = "constant"\n{F}moment = [1, 2, 3]\nend = 0.5',
+        pulse([1, 2, 3], -1, 0.5, shape="rectangle", frame="space"),
+    ),
+    "constant from a start on": (
+        f'kind = "constant"\n{F}moment = [1, 2, 3]\nstart = 0.25',
+        pulse([1, 2, 3], 0.25, 2, shape="rectangle", frame="space"),
+    ),
     "damping, sine": (
         'kind = "damping"\ncoefficient = [1, 2, 3]\n[[load]]\nkind = "sine"\nframe = "body"\n'
         "amplitude = [1, 2, 3]\nfrequency = 2\nphase = 0.3\nscale = -1",

@@ -75,7 +75,7 @@ def test_run_failing_at_any_step(monkeypatch):
         nt.simulate(BODY, t_end=1, tolerance=1e-6, **GAUSS, **W)
 
 
-@pytest.mark.filterwarnings("ignore:a table of the load ends at")
+@pytest.mark.filterwarnings("ignore:a table of the load ends at", "ignore:the run will take about")
 @pytest.mark.parametrize(("count", "share", "worst"), or_long([(4, 1, 1)], [(2000, 0.99, 10)]))
 def test_generated_problems(count, share, worst):
     found = np.array(list(ratios(range(count)).values()))

@@ -327,15 +327,17 @@ class Pulse(OfTime):
     def columns(self, times: Any) -> Any:
         """Return the profile times the peak."""
         s = (times - self.start) / (self.end - self.start)
-        profile = select((s >= 0) & (s < 1), PULSES[self.shape][0](s), 0.0)
+        profile = select((times >= self.start) & (times < self.end), PULSES[self.shape][0](s), 0.0)
         return [x * profile for x in self.pulse]
 
     @classmethod
     def words(cls, record: Record) -> str:
         """Return shape, peak and span."""
-        if (record["start"], record["end"]) == (-EVER, EVER):
-            return f"constant {_peak(record, 'pulse')}"
-        return f"{record['shape']} pulse {_peak(record, 'pulse')}, from {record['start']:.6g} to {record['end']:.6g} s"
+        peak, start, end = _peak(record, "pulse"), record["start"], record["end"]
+        if -EVER < start and end < EVER:
+            return f"{record['shape']} pulse {peak}, from {start:.6g} to {end:.6g} s"
+        span = [f"from {start:.6g} s on"] * (start > -EVER) + [f"until {end:.6g} s"] * (end < EVER)
+        return ", ".join([f"constant {peak}", *span])
 
 
 EVER = 1e60  # s: a pulse from -EVER to EVER is a constant moment

@@ -334,7 +334,7 @@ class Pulse(OfTime):
     def words(cls, record: Record) -> str:
         """Return shape, peak and span."""
         peak, start, end = _peak(record, "pulse"), record["start"], record["end"]
-        if -EVER < start and end < EVER:
+        if start > -EVER and end < EVER:
             return f"{record['shape']} pulse {peak}, from {start:.6g} to {end:.6g} s"
         span = [f"from {start:.6g} s on"] * (start > -EVER) + [f"until {end:.6g} s"] * (end < EVER)
         return ", ".join([f"constant {peak}", *span])

@@ -288,6 +288,9 @@ def test_continuing():
     for name, words in (("quaternion", "; store it with"), ("director_velocities", ", which energy-momentum carries")):
         with pytest.raises(ValueError, match=f"start= lacks {name}{words}"):
             nt.simulate_ensemble(stack, start=half.drop_vars(name), t_end=2, **scheme)
+    renamed = half.drop_vars("director_velocities").rename(member="other")
+    with pytest.raises(ValueError, match="has the dimension other, and not member"):
+        nt.simulate_ensemble(stack, start=renamed, t_end=2)
 
 
 def test_an_ensemble_as_a_file(tmp_path):

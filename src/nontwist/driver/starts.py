@@ -535,6 +535,8 @@ def _of_run(start: Any) -> Starts:
     if "time" not in start.dims:
         words = "give rotation=start.quaternion, material_angular_velocity=start.material_angular_velocity and t_start="
         raise ValueError(f"start= has no dimension time; {words}")
+    if others := [str(dim) for dim in start.quaternion.dims if dim not in ("member", "time", "quat")]:
+        raise ValueError(f"start= has the dimension {others[0]}, and not member: start.rename({others[0]}='member')")
     last = in_order(start).isel(time=-1)
     p, W = (as_floats(last[name].values, f"start.{name}") for name in ("quaternion", "material_angular_velocity"))
     N = None

@@ -57,6 +57,22 @@ def test_planar_motion_of_hyperion():
     assert abs(run.material_angular_velocity.values - np.outer(truth[1], [0, 0, 1])).max() < 1e-9
 
 
+def test_libration_of_mercury():
+    """35.8" with the period of the orbit, for (B - A)/C = 2.03e-4 (Margot et al., Science 316, 2007).
+
+    That is 3/2 (B - A)/C (1 - 11e² + 959/48 e⁴), to 4e-4 here, what is left of powers of e and of the free libration.
+    """
+    e, ratio, t = 0.20563, 2.03e-4, np.linspace(0, 20 * np.pi, 2001)
+    how = {"material_angular_velocity": (0, 0, 1.5), "times": t, "tolerance": 1e-12}
+    run = simulate(standard([0.999, 0.999 + ratio, 1]), load=gravity_gradient(n, eccentricity=e), **how)
+    d1 = run.directors.values[:, 0]
+    beside = np.unwrap(np.arctan2(d1[:, 1], d1[:, 0])) - 1.5 * t
+    slow = [(t / t[-1]) ** k for k in (1, 3, 5, 7)]  # the free libration, which takes 50 orbits
+    found = np.linalg.lstsq(np.column_stack([*(np.sin(k * t) for k in range(1, 8)), *slow]), beside)[0]
+    assert np.degrees(found[0]) * 3600 == pytest.approx(35.8, abs=0.05)
+    assert found[0] == pytest.approx(1.5 * ratio * (1 - 11 * e**2 + 959 / 48 * e**4), rel=1e-3)
+
+
 def test_perigee(write):
     later = gravity_gradient(0.7, (0, 1, 0), (1, 0, 0), 0.3, eccentricity=0.4)
     named = gravity_gradient(0.7, (0, 1, 0), (1, 0, 0), eccentricity=0.4, perigee_time=0.3)

@@ -51,11 +51,8 @@ LARGER = 32
 CHANGE = 2 * EPS * LARGER
 FLOORS = 10.0
 VAGUE = 1e-3  # rad, the least error that is possible from which on this is told
-ROUNDS, WIDEST, NEARLY = (
-    14,
-    8.0,
-    1.6,
-)  # refinements of runs that reach the end; the largest at a time; up to which the finer run is the next
+# Refinements of runs that reach the end; the largest at a time; up to which the finer run is the next.
+ROUNDS, WIDEST, NEARLY = 14, 8.0, 1.6
 SAMPLES = 64  # states of a coarse run that show the size of W
 OVERRATED = 1.6  # estimates of |w| that are so much too large are corrected
 COARSE = (Status.TURN, Status.STALLED, Status.BROKEN)

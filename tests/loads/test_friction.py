@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 import nontwist as nt
 from conftest import cross
 from nontwist.errors import SimulationError, Status
+from nontwist.kernels import machine_code
 from nontwist.loads.load import moment_at, of_body
 from refusals import refused_as
 
@@ -359,3 +360,15 @@ def test_jump_after_the_last_state(monkeypatch):
         marched.clear()
     assert len(said) == 1
     assert again[0] == 0 < again[1] < 7 < again[2]
+
+
+def test_limits_are_arguments(monkeypatch):
+    """Another limit needs no other machine code."""
+    compiled, own = [], machine_code.function_of
+    monkeypatch.setattr(machine_code, "function_of", lambda *a, **b: compiled.append(a) or own(*a, **b))
+    how, counts = {"t_end": 0.2, "step": 0.05, "material_angular_velocity": (1, 2, 3)}, []
+    for k in range(1, 5):
+        run = nt.simulate(nt.standard([3, 4, 5]), load=nt.dry_friction(0.37 * k), integrator="lie-midpoint", **how)
+        assert run.dissipated_energy.sum() > 0.1 * k
+        counts.append(len(compiled))
+    assert counts == counts[:1] * 4

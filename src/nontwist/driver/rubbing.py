@@ -25,7 +25,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import cache, lru_cache, partial
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
@@ -504,7 +504,7 @@ class Tumbling(Rubbed):
     def _slide_around(self) -> None:
         """March while W may turn, or, where it may vanish within four steps, a part of that time."""
         one, W = self.until(), self.state.velocity
-        h, load = one.grid.longest, self.load + against(float(self.limits[0]))
+        h, load = one.grid.longest, self.load + float(self.limits[0]) * friction_of_one()
         if not W.any():
             self._start(h)
             return
@@ -546,11 +546,11 @@ def _positive(value: Callable[[float, Any], float], start: float) -> Callable[[f
     return lambda t, state: value(t, state) if t > start else max(value(t, state), TINY)
 
 
-@lru_cache(maxsize=64)
-def against(limit: float) -> Load:
-    """Return the moment -limit w/|w|, of which nobody asks at w = 0."""
+@cache
+def friction_of_one() -> Load:
+    """Return the moment -w/|w|, of which nobody asks at w = 0."""
 
     def friction(t: float, directors: Array, w: Array) -> Any:
-        return -limit * w / np.sqrt(w[0] * w[0] + w[1] * w[1] + w[2] * w[2])
+        return -w / np.sqrt(w[0] * w[0] + w[1] * w[1] + w[2] * w[2])
 
     return moment(friction, compiled=True)

@@ -330,12 +330,12 @@ def _between(p: Array, q: Array) -> Array:
 
 def _around_gaps(p: Array, h: Array) -> Array:
     """Return by how much a body turns in gaps of the samples at the speed around them: of `NEAR` steps, the lower."""
-    least, last = np.zeros_like(h), len(h)
-    gaps = np.flatnonzero(h > GAP * np.median(h))
-    for k in map(int, gaps):
-        sides = [(max(k - NEAR, 0), k), (k + 1, min(k + 1 + NEAR, last))]
-        speeds = [float(_between(p[i : i + 1], p[j : j + 1])[0] / h[i:j].sum()) for i, j in sides if i < j]
-        least[k] = min(speeds, default=0.0) * h[k]
+    least, k, t = np.zeros_like(h), np.flatnonzero(h > GAP * np.median(h)), np.append(0.0, np.cumsum(h))
+    sides = (np.maximum(k - NEAR, 0), k), (k + 1, np.minimum(k + 1 + NEAR, len(h)))
+    nothing = np.full(len(k), np.inf)
+    before, after = (np.divide(_between(p[i], p[j]), t[j] - t[i], out=nothing.copy(), where=i < j) for i, j in sides)
+    slower = np.minimum(before, after)
+    least[k] = np.where(slower < np.inf, slower, 0.0) * h[k]
     return least
 
 

@@ -20,7 +20,7 @@ from nontwist import Load, body_moment, heavy_top, integrate, nontwisting, rotat
 from nontwist.geometry.arrays import Array
 from nontwist.integrators import INTEGRATORS, Continuous
 from nontwist.integrators.integrator import IVP, SPIN, Failure, Integrator, March, Status
-from nontwist.integrators.stepping import Step, march
+from nontwist.integrators.stepping import StepResult, march_by_steps
 
 TABLEAUX = {1: ((0,), (1,)), 4: ((0, 1 / 2, 1 / 2, 1), (1 / 6, 1 / 3, 1 / 3, 1 / 6))}  # nodes and weights
 
@@ -64,10 +64,12 @@ class MuntheKaas(Integrator):
         if reason := self.refusal(problem):
             raise ValueError(reason)
         constraints = 0 if problem.system.axis is None else 1
-        return march(problem, constraints, lambda k, q, v: step(problem, *TABLEAUX[self.order], k, q, v), float)
+        return march_by_steps(
+            problem, constraints, lambda k, q, v: step(problem, *TABLEAUX[self.order], k, q, v), float
+        )
 
 
-def step(problem: IVP, nodes: Sequence[float], weights: Sequence[float], k: int, q: Array, v: Array) -> Step:
+def step(problem: IVP, nodes: Sequence[float], weights: Sequence[float], k: int, q: Array, v: Array) -> StepResult:
     """Take the step `k` from directors `q` and their velocities `v`, both by rows."""
     n, h = problem.system.axis, problem.step_at(k)
     constraints = 0 if n is None else 1
@@ -86,14 +88,14 @@ def step(problem: IVP, nodes: Sequence[float], weights: Sequence[float], k: int,
             stages.append((du, dW, mu, m, m @ (W @ d)))
     except ValueError as error:  # of a load
         failure = Failure(Status.LOAD, k, np.nan, np.nan, str(error))
-        return Step(q, v, np.zeros(constraints), np.zeros(3), 0.0, 0, failure)
+        return StepResult(q, v, np.zeros(constraints), np.zeros(3), 0.0, 0, failure)
     du, dW, mu, m, power = (
         sum(b * x for b, x in zip(weights, column, strict=True)) for column in zip(*stages, strict=True)
     )
     q1 = rotations.exp(-h * du) @ q
     q1 = 1.5 * q1 - 0.5 * q1 @ q1.T @ q1  # takes round-off out, which W, recovered from v and q, would add up
     v1 = np.cross((W0 + h * dW) @ q1, q1)
-    return Step(q1, v1, np.full(constraints, mu), m, h * power, 0, None)
+    return StepResult(q1, v1, np.full(constraints, mu), m, h * power, 0, None)
 
 
 def rates(problem: IVP, t: float, q: Array, W: Array) -> tuple[Array, float, Array]:

@@ -273,7 +273,7 @@ def test_chosen_steps_and_continued_runs():
     how = {"t_end": 1.2, "load": LOADS["body"], **START}
     d = nt.sensitivities(SYSTEMS["standard"], tolerance=1e-6, **how)
     assert d.attrs["tolerance"] == 1e-6
-    assert len(json.loads(d.attrs["stretches"])["borders"]) > 2
+    assert len(json.loads(d.attrs["segments"])["borders"]) > 2
     exact = nt.sensitivities(SYSTEMS["standard"], tolerance=1e-11, **how)
     assert abs(d.d_rotation.values[-1] - exact.d_rotation.values[-1]).max() < 1e-5
     how |= {"load": None, "step": 0.05, "t_end": 2.0, "integrator": "lie-midpoint"}

@@ -12,7 +12,7 @@ from conftest import BODIES, PAPER_J, compiled_load
 from nontwist.analysis.variables import angular_velocity, material, orthonormality_defect
 from nontwist.errors import SimulationError, Status
 from nontwist.integrators import Split, stack_march
-from nontwist.integrators.split import HALVES, fractions, nodes
+from nontwist.integrators.split import HALVES, fractions, substep_nodes
 from nontwist.validation.orders import swing
 from nontwist.validation.problems import FINE, pushed
 from refusals import says
@@ -200,7 +200,7 @@ def test_means_between_times(integrator, load):
 @pytest.mark.parametrize("order", HALVES)
 def test_coefficients_are_symmetric(order):
     """Σ γ = 1 and Σ γ³ = Σ γ⁵ = ... = 0: the conditions of a linear problem."""
-    gamma, c = fractions(order), nodes(order)
+    gamma, c = fractions(order), substep_nodes(order)
     for power in range(1, order, 2):
         assert fsum(g**power for g in gamma) == pytest.approx(float(power == 1), abs=1e-15)
     assert np.array_equal(gamma, gamma[::-1])

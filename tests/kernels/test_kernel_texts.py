@@ -113,7 +113,7 @@ def cases():
             yield frame_kernels.smooth_rolls, (u, closed, np.zeros((m, n)), node, nodes, np.zeros((3, n)))
         roll, node = 0.1 * rng.normal(size=(m, n)), rng.integers(0, 2, size=(m, n))
         roll[:, ::2] = 0.0
-        yield frame_kernels.transport, (u, across(u), roll, node, np.zeros((m, n, 3, 3)))
+        yield frame_kernels.transport_samples, (u, across(u), roll, node, np.zeros((m, n, 3, 3)))
         yield frame_kernels.solid_angles, (u, np.zeros(m))
         points = np.cumsum(u + rng.normal(size=u.shape), axis=1)
         points[:, 1] = points[:, 0]
@@ -157,5 +157,10 @@ def test_floats_equal_machine_code(name):
             np.testing.assert_array_equal(a, b)
         if is_stream:
             arguments[0][...] = copies[0][0]
-    if kernel in (frame_kernels.transport, frame_kernels.solid_angles, path_kernels.count, free_bodies.free_members):
+    if kernel in (
+        frame_kernels.transport_samples,
+        frame_kernels.solid_angles,
+        path_kernels.count,
+        free_bodies.free_members,
+    ):
         assert len(set(results)) > 1  # faults are among the cases

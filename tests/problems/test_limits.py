@@ -117,7 +117,7 @@ def test_unresolved_sine_warns(scheme, least, recwarn):
 def test_short_torque_ramps():
     def steps(ramp):
         load = wheel("z", 0.5, 1, torque=([0, ramp, 3, 3 + ramp], [0, 0.1, 0.1, 0]))
-        return integrate(standard([3, 4, 5]), t_end=100, store="end", load=load).stretches.steps
+        return integrate(standard([3, 4, 5]), t_end=100, store="end", load=load).segments.steps
 
     assert steps(1e-4) <= steps(1) + 4
 

@@ -43,7 +43,7 @@ from nontwist.analysis import OBSERVABLES, Observable
 from nontwist.inertia import euler_inertia
 from nontwist.integrators import INTEGRATORS
 from nontwist.integrators.integrator import Integrator
-from nontwist.integrators.stepping import march
+from nontwist.integrators.stepping import march_by_steps
 from nontwist.loads import LOADS, DirectorForces
 from nontwist.models.bodies import BODIES, KEYS, BodyKind, many_euler, sample_bodies
 from nontwist.recordings.formats import READERS
@@ -389,7 +389,7 @@ class Heun(Integrator):
 
     def march_one(self, problem):
         constraints = 0 if problem.system.axis is None else 1
-        return march(problem, constraints, lambda k, q, v: one_step(problem, *HEUN, k, q, v), float)
+        return march_by_steps(problem, constraints, lambda k, q, v: one_step(problem, *HEUN, k, q, v), float)
 
 
 @patch.dict(INTEGRATORS, heun=Heun)

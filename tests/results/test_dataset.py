@@ -76,7 +76,7 @@ def test_observables_are_the_papers(run):
 def test_trajectory_equals_dataset():
     how = KICK | {"load": rotor((1, 2, 0), [0.1, 0.3], [1.0, 2.5])}
     run, kinked = (integrate(BODIES["standard"](), **how | {"step": step}) for step in (0.01, None))
-    assert json.loads(kinked.record()["stretches"])["borders"] == [0.0, 0.1, 0.3]
+    assert json.loads(kinked.record()["segments"])["borders"] == [0.0, 0.1, 0.3]
     assert np.array_equal(run.rotor_momentum, run.to_dataset().rotor_momentum)
     rest = integrate(BODIES["standard"](), t_end=0.5, step=0.01, start=run)  # on the same grid
     assert (run.origin, rest.origin, rest.to_dataset().attrs["origin"]) == (None, 0.0, 0.0)

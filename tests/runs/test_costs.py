@@ -26,7 +26,7 @@ SINE = '[[load]]\nkind = "sine"\nframe = "body"\namplitude = [1, 0, 0]\nfrequenc
 EXACT = '[integrator]\nname = "exact"\n'
 SWEPT = '[sweep]\nover = [{ key = "body.inertia.0", kind = "grid", start = 3, end = 4, count = 3 }]\n'
 MANY = (
-    "the closed-form solution needs about 5e+08 pieces of the load, at most 1e+06 are allowed; a frequency of 2e+05 Hz "
+    "the closed-form solution needs about 5e+08 subintervals of the load, at most 1e+06 are allowed; a frequency of 2e+05 Hz "
     "would do, or the integrator split"
 )
 FREE, PUSH = NONTWISTING, {"angular_velocity": [1, 0, 0], "integrator": "exact"}
@@ -51,8 +51,8 @@ AUTOMATIC = (
 def test_check_forecasts_steps_and_states(write, more):
     file = read_run_file(write(AUTOMATIC + more))
     expected, run = forecast(file), file.prepared.run()
-    assert run.stretches.steps == expected.steps
-    assert run.stretches.longest == pytest.approx(expected.step)
+    assert run.segments.steps == expected.steps
+    assert run.segments.longest == pytest.approx(expected.step)
     assert expected.states == pytest.approx(len(run.time), rel=0.2)
 
 
@@ -84,12 +84,12 @@ def test_sine_of_1e8_hz(here, write, monkeypatch):
         nt.exact.loaded_momentum([3, 4, 5], [1, 0, 0], load, [1.0])
 
 
-def test_million_pieces(monkeypatch):
+def test_million_subintervals(monkeypatch):
     monkeypatch.setattr(nontwisting_body, "MOST", 100)
     load = nt.body_moment(lambda t: (np.sin(1e9 * t * t), 0, 0))
     with says():
         nt.exact.loaded_momentum([3, 4, 5], [1, 0, 0], load, [1.0])
-    for count in (299, 301):  # of times; 400 pieces are expected, a hundred more than times are allowed
+    for count in (299, 301):  # of times; 400 subintervals are expected, a hundred more than times are allowed
         assert (nontwisting_body.too_many(nt.sine([1, 0, 0], 80), np.linspace(2, 3, count)) is None) == (count == 301)
 
 
@@ -242,14 +242,14 @@ def test_warning_names_the_caller(slow, here, write):
     assert "3 members over body.inertia.0, about 4 ms on one core" in result.stdout
 
 
-def test_pieces_beyond_memory(write, monkeypatch):
+def test_subintervals_beyond_memory(write, monkeypatch):
     monkeypatch.setattr(grid, "free_memory", lambda: 10_000_000)
     monkeypatch.setattr(grid, "SMALL", 0)
     with says():
         nt.simulate(FREE, t_end=1, step=0.5, load=nt.sine([1, 0, 0], 1000), **PUSH)
     coming = forecast(read_run_file(write(BODY + EXACT + SINE.replace("1e8", "1000"))))
     assert coming.problems[0].key == "time.store"
-    assert "10 MB are free; 2300 pieces fit" in coming.problems[0].given
+    assert "10 MB are free; 2300 subintervals fit" in coming.problems[0].given
 
 
 # what check may take: counted, not timed

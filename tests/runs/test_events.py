@@ -167,7 +167,7 @@ def test_stop_in_an_event_function():
     part = info.value.partial
     assert part.t_events[0].tolist() == pytest.approx([0.3])
     assert 0.5 < part.time[-1] <= 1.5
-    rest = nt.simulate(BODY, t_end=2, start=part, integrator="gauss", step=0.01 if part.stretches is None else None)
+    rest = nt.simulate(BODY, t_end=2, start=part, integrator="gauss", step=0.01 if part.segments is None else None)
     assert rest.time.values[0] == part.time[-1]
 
 

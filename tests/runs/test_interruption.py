@@ -29,7 +29,7 @@ def interrupted_in(monkeypatch):
     """March in blocks of 20 steps; Ctrl-C strikes when the kernel has done its third, before that is counted."""
 
     def prepare(order):
-        stages = len(split.nodes(order))
+        stages = len(split.substep_nodes(order))
         monkeypatch.setattr(stack_march, "NODES", 20 * stages)
         monkeypatch.setattr(marched_stacks, "KEPT_NODES", 0)  # marches so short are laid out once, and not interrupted
         sound, calls = stack_march.StackMarch._run, []

@@ -51,26 +51,26 @@ def test_unconfirmed_error(goal, monkeypatch):
     truth = nt.integrate(nt.standard([3, 4, 5]), tolerance=1e-11, **how).rotation[-1]
     how |= {"tolerance": goal, "integrator": "lie-midpoint"}
     confirmed = nt.integrate(nt.standard([3, 4, 5]), **how)
-    monkeypatch.setattr(tolerance, "ENOUGH", confirmed.stretches.steps // 2)
+    monkeypatch.setattr(tolerance, "ENOUGH", confirmed.segments.steps // 2)
     with pytest.warns(UserWarning, match=rf"{goal:g}, would take too many$") as told:
         run = nt.integrate(nt.standard([3, 4, 5]), **how)
-    assert int(re.search(r"the finer of (\d+) steps", str(told[0].message))[1]) == run.stretches.steps
+    assert int(re.search(r"the finer of (\d+) steps", str(told[0].message))[1]) == run.segments.steps
     assert len(told) == 1
-    assert run.stretches.steps < confirmed.stretches.steps
+    assert run.segments.steps < confirmed.segments.steps
     assert tolerance.TENTH * goal < run.error_estimate <= goal
     assert confirmed.error_estimate <= tolerance.TENTH * goal
     assert (run.rotation[-1].inv() * truth).magnitude() <= run.error_estimate
 
 
 def test_run_failing_at_any_step(monkeypatch):
-    sound = completion.march
+    sound = completion.checked_march
 
     def failing(*given):
         outcome = sound(*given)
         outcome.failures[:], outcome.good[:] = (Status.STALLED, 0, 1.0, 1.0), 1
         return outcome
 
-    monkeypatch.setattr(tolerance.completion, "march", failing)
+    monkeypatch.setattr(tolerance.completion, "checked_march", failing)
     with pytest.raises(SimulationError, match="Newton's iteration stalled"):
         nt.simulate(BODY, t_end=1, tolerance=1e-6, **GAUSS, **W)
 

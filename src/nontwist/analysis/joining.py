@@ -87,7 +87,7 @@ def join_runs(*runs: xarray.Dataset) -> xarray.Dataset:
         if moves and len(values) < len(parts):  # of events that not all runs look for
             continue
         along[str(key)] = (coordinate.dims, np.concatenate(values) if moves else coordinate.values, coordinate.attrs)
-    record = {name: value for name, value in runs[-1].attrs.items() if name not in ("step", "origin", "stretches")}
+    record = {name: value for name, value in runs[-1].attrs.items() if name not in ("step", "origin", "segments")}
     if len({run.attrs.get("step") for run in runs}) == 1 and "step" in record | runs[0].attrs:
         record |= {name: runs[0].attrs[name] for name in ("step", "origin") if name in runs[0].attrs}
     record["joined"] = json.dumps([part for run in runs for part in parts_of(run)])
@@ -100,7 +100,7 @@ def parts_of(run: xarray.Dataset) -> list[dict[str, Any]]:
         return list(recorded(run, "joined"))
     t_start, t_end = map(float, run["time"].values[[0, -1]])
     part = {"t_start": t_start, "t_end": t_end, **{name: recorded(run, name) for name in ("load", "integrator")}}
-    return [part | {name: run.attrs[name] for name in ("step", "stretches") if name in run.attrs}]
+    return [part | {name: run.attrs[name] for name in ("step", "segments") if name in run.attrs}]
 
 
 def loads_in_words(parts: list[dict[str, Any]]) -> list[str]:

@@ -16,7 +16,7 @@ from ..geometry.arrays import Array, largest_size
 from ..geometry.attitudes import States, director_velocities, directors
 from ..geometry.values import counted
 from ..integrators import Integrator
-from ..integrators.ivp import Intervals, Stretches
+from ..integrators.ivp import Intervals, Segments
 from ..loads import Load
 from ..loads.friction import ROUND_OFF
 from ..loads.kinds import is_rotor, load_of, rotors_of
@@ -64,8 +64,8 @@ class Trajectory:
     ----------
     system : DirectorSystem
     integrator : Integrator
-    stretches : Stretches, or None where the output times were given
-        The stretches of equal steps between the kinks of the load: `borders` (s), `numbers` of the nodes there, `sizes`
+    segments : Segments, or None where the output times were given
+        The segments of equal steps between the kinks of the load: `borders` (s), `numbers` of the nodes there, `sizes`
         of their steps (s).
     load : list of dict, the load as data
     time : (n+1,) array, s
@@ -119,7 +119,7 @@ class Trajectory:
 
     system: DirectorSystem
     integrator: Integrator
-    stretches: Stretches | None
+    segments: Segments | None
     load: list[dict[str, Any]]
     time: Array
     states: States
@@ -181,14 +181,14 @@ class Trajectory:
     @property
     def step(self) -> float | None:
         """The step, s, or the longest one if steps differ; None where the output times were given."""
-        return None if self.stretches is None else self.stretches.longest
+        return None if self.segments is None else self.segments.longest
 
     @property
     def origin(self) -> float | None:
         """Start of the time grid, s, if it is before the first state, else None."""
-        if self.stretches is None or not len(self.time):
+        if self.segments is None or not len(self.time):
             return None
-        return grid_record(self.stretches, float(self.time[0])).get("origin")
+        return grid_record(self.segments, float(self.time[0])).get("origin")
 
     @cached_property
     def rotation(self) -> Rotation:
@@ -308,7 +308,7 @@ class Trajectory:
             "system": self.system.to_json(),
             "load": json.dumps(self.load),
             "integrator": json.dumps({"name": self.integrator.name, **asdict(self.integrator)}),
-            **grid_record(self.stretches, float(self.time[0]) if len(self.time) else None),
+            **grid_record(self.segments, float(self.time[0]) if len(self.time) else None),
             **({} if self.warning is None else {"warning": self.warning}),
             **({} if self.tolerance is None else {"tolerance": self.tolerance, "error_estimate": self.error_estimate}),
             **({} if self.events is None else {"events": json.dumps(self.events.names)}),
@@ -319,31 +319,31 @@ class Trajectory:
         }
 
 
-def grid_record(stretches: Stretches | None, first: float | None) -> dict[str, Any]:
-    """Return a time grid as plain attributes: its longest step, its origin, and the stretches where there are more.
+def grid_record(segments: Segments | None, first: float | None) -> dict[str, Any]:
+    """Return a time grid as plain attributes: its longest step, its origin, and the segments where there are more.
 
     The origin is left out where it is the time `first` of the first state.
     """
-    if stretches is None:
+    if segments is None:
         return {}
-    borders, numbers, sizes = stretches
-    found: dict[str, Any] = {"step": stretches.longest}
+    borders, numbers, sizes = segments
+    found: dict[str, Any] = {"step": segments.longest}
     if borders[0] != first:
         found["origin"] = borders[0]
     if len(sizes) > 1:
-        found["stretches"] = json.dumps({"borders": borders, "numbers": numbers})
+        found["segments"] = json.dumps({"borders": borders, "numbers": numbers})
     return found
 
 
-def stretches_from(record: Any) -> Stretches | None:
-    """Return the stretches of a record, as an attribute of a run or as they are; None where there are none.
+def segments_from(record: Any) -> Segments | None:
+    """Return the segments of a record, as an attribute of a run or as they are; None where there are none.
 
     Raises
     ------
     ValueError
         The record is damaged.
     """
-    if record is None or isinstance(record, Stretches):
+    if record is None or isinstance(record, Segments):
         return record
     try:
         known = json.loads(record)
@@ -354,9 +354,9 @@ def stretches_from(record: Any) -> Stretches | None:
         if not ((np.diff(borders) > 0).all() and np.isfinite(borders).all() and (steps > 0).all()):
             raise ValueError("borders and numbers must increase")
     except (KeyError, TypeError, ValueError) as error:
-        raise ValueError(f"the attribute stretches of start= is damaged: {error}") from error
+        raise ValueError(f"the attribute segments of start= is damaged: {error}") from error
     sizes = np.diff(borders) / steps
-    return Stretches(tuple(borders.tolist()), tuple(numbers.tolist()), tuple(sizes.tolist()))
+    return Segments(tuple(borders.tolist()), tuple(numbers.tolist()), tuple(sizes.tolist()))
 
 
 @cache

@@ -149,7 +149,7 @@ def print_target(file: Path, whole: Prepared, target: float, given: list[str], a
         again = whole.refined(found, 1)  # at the times of the file
         again.run()  # may compile
         seconds = shortest_times({file: again.run}, 3)[file]  # the next one links what is prepared
-    order, grid, even = getattr(found.integrator, "order", None), found.stretches, prepared.even_step(found)
+    order, grid, even = getattr(found.integrator, "order", None), found.segments, prepared.even_step(found)
     assert grid is not None
     assert found.error_estimate is not None
     numbers = {

@@ -279,10 +279,10 @@ def forecast_rows(run_file: RunFile, forecast: Forecast) -> dict[str, str]:
 
 def steps_of(run: xarray.Dataset) -> dict[str, int]:
     """Return how many steps a run has taken, as {"steps": N}; nothing of a run without steps or states."""
-    from ..analysis.trajectory import stretches_from
+    from ..analysis.trajectory import segments_from
     from ..integrators.ivp import FIT
 
-    time, grid, h = run["time"].values, stretches_from(run.attrs.get("stretches")), run.attrs.get("step")
+    time, grid, h = run["time"].values, segments_from(run.attrs.get("segments")), run.attrs.get("step")
     if h is None or not len(time):
         return {}
     span = float(time[-1] - time[0])
@@ -291,15 +291,15 @@ def steps_of(run: xarray.Dataset) -> dict[str, int]:
 
 def run_numbers(run: xarray.Dataset) -> dict[str, Any]:
     """Return what was done in a run and how well its invariants were kept, as plain data."""
-    from ..analysis.trajectory import stretches_from
+    from ..analysis.trajectory import segments_from
     from ..io.run_files import record
 
     time, iterations = run["time"].values, run.get("newton_iterations")
     numbers = {name: value for name, value in record(run).items() if name in TOLD}
     numbers |= {**steps_of(run), "t_start": float(time[0]), "t_end": float(time[-1]), "states": len(time)}
     numbers["newton_iterations"] = None if iterations is None or not iterations.size else int(iterations.values.max())
-    if (grid := stretches_from(run.attrs.get("stretches"))) is not None:
-        numbers["stretches"] = len(grid.sizes)
+    if (grid := segments_from(run.attrs.get("segments"))) is not None:
+        numbers["segments"] = len(grid.sizes)
     if "t_events" in run:
         numbers["events"] = times_of_events(run)
     return numbers | invariants_kept(run)
@@ -336,7 +336,7 @@ def rows_of_run(
     if "integrator" in numbers:
         rows["integrator"] = scheme_words(numbers["integrator"])
     if "steps" in numbers:
-        rows["steps"] = f"{numbers['steps']} of {'at most ' * ('stretches' in numbers)}{numbers['step']:.6g} s"
+        rows["steps"] = f"{numbers['steps']} of {'at most ' * ('segments' in numbers)}{numbers['step']:.6g} s"
     if "tolerance" in numbers:
         rows["error"] = f"{estimate_words(numbers['error_estimate'])}, tolerance {numbers['tolerance']:g}"
     for name, drift in numbers.get("drift", {}).items():

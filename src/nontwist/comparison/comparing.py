@@ -32,14 +32,14 @@ import numpy as np
 
 from ..analysis.invariants import Invariant, drift, invariants, quantities, twist_defect
 from ..analysis.trajectory import Trajectory
-from ..driver.grid import count_steps, fits, inside, kinks, stretches_of, with_spin_kinks
+from ..driver.grid import count_steps, fits, inside, kinks, segments_of, with_spin_kinks
 from ..driver.notices import COARSE_STEP, progress_bar
 from ..driver.planning import resolve_integrator
 from ..driver.problem import OfComparison, Problem, posed, start_of, takes
 from ..geometry.arrays import Array, as_array
 from ..geometry.values import as_list, as_whole, short_repr
 from ..integrators import INTEGRATORS, Integrator, SimulationError, Status
-from ..integrators.ivp import Stretches, stretched
+from ..integrators.ivp import Segments, segmented
 from ..loads import Load, as_load
 from ..models.stack import stacked
 from ..models.system import DirectorSystem, as_system
@@ -225,7 +225,7 @@ def short(x: float, digits: int = 1) -> str:
 
 def grids(
     steps: Sequence[float] | None, t_start: float, t_end: float, automatic: float, load: Load
-) -> dict[float, Stretches]:
+) -> dict[float, Segments]:
     """Return the time grids by their longest step, coarse to fine.
 
     None: up to seven, each with twice the steps of the one before; the first has about 32 times the automatic step, at
@@ -238,11 +238,11 @@ def grids(
     """
     span = t_end - t_start
     if steps is None:
-        first = stretches_of(load, t_start, t_end, min(span / FEWEST, COARSEST * automatic), resolves=False)
+        first = segments_of(load, t_start, t_end, min(span / FEWEST, COARSEST * automatic), resolves=False)
         most = SERIES if len(first.sizes) == 1 else max(LEAST, 2 + ceil(log2(max(1.0, first.longest / automatic))))
-        series = [stretched(first.borders, 2**k * np.diff(first.numbers)) for k in range(min(SERIES, most))]
+        series = [segmented(first.borders, 2**k * np.diff(first.numbers)) for k in range(min(SERIES, most))]
         return {grid.longest: grid for grid in series}
-    found = {float(h): stretched((t_start, t_end), (count_steps(span, h),)) for h in as_array(steps, "steps", (None,))}
+    found = {float(h): segmented((t_start, t_end), (count_steps(span, h),)) for h in as_array(steps, "steps", (None,))}
     if not found:
         raise ValueError("steps is empty; leave it out for a series about the automatic step")
     return dict(sorted(found.items(), reverse=True))
@@ -277,7 +277,7 @@ REFUSED, LONG, SHORT, ENOUGH = -1, 0.3, 0.01, 5.0
 
 
 def compared(
-    case: Case, true: Reference, kept: dict[str, Invariant], scheme: Integrator, grid: Stretches, known: set[str]
+    case: Case, true: Reference, kept: dict[str, Invariant], scheme: Integrator, grid: Segments, known: set[str]
 ) -> tuple[Callable[[], Trajectory], dict[str, Any]]:
     """Run once and compare with the reference; this also compiles what the timed calls need.
 

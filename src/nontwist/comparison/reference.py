@@ -30,7 +30,7 @@ from ..driver.starts import Starts
 from ..driver.tolerance import CHANGE, LARGER, moved
 from ..geometry.arrays import EPS, Array
 from ..integrators import Continuous, Exact, Gauss, Integrator, LieMidpoint
-from ..integrators.ivp import Stretches, stretched
+from ..integrators.ivp import Segments, segmented
 from ..loads import as_load
 from ..models.stack import stacked
 
@@ -47,13 +47,13 @@ class Case(NamedTuple):
         plan = plan_of(self.problem, self.begin, integrator=scheme, times=times, t_end=None)
         return Prepared(plan, self.begin).run()
 
-    def run_on(self, grid: Stretches, store: Any, scheme: Integrator) -> Trajectory:
+    def run_on(self, grid: Segments, store: Any, scheme: Integrator) -> Trajectory:
         """Return the run on a grid; `store` as of `integrate`, or the numbers of the nodes."""
         plan = plan_of(self.problem, self.begin, integrator=scheme, t_end=grid.borders[-1], store="end")
         if not isinstance(store, np.ndarray):
             return Prepared(plan._replace(grid=grid, store=store), self.begin).run()
         problem = plan.problem(self.begin, grid, store, intervals=True)
-        return trajectory(scheme, problem, completion.march(scheme, problem))
+        return trajectory(scheme, problem, completion.checked_march(scheme, problem))
 
     @property
     def moved(self) -> Case:
@@ -106,8 +106,8 @@ def _stepped(case: Case, times: Array) -> tuple[Trajectory, str, Array, Array]:
     apart = abs(jumps[:, None] - times).min(axis=1) > SAME * np.ptp(times)  # 0.3 and 3 × 0.1 are one time
     borders = np.union1d(times, jumps[apart])
     least = np.ceil(4 * np.diff(borders) / case.automatic)
-    pair = [stretched(borders, n * least) for n in (1, 2)]
-    late = stretched(times[0] + (borders - times[0]) * (1 + LATER), least)
+    pair = [segmented(borders, n * least) for n in (1, 2)]
+    late = segmented(times[0] + (borders - times[0]) * (1 + LATER), least)
     stored = [np.array(grid.numbers)[np.searchsorted(borders, times)] for grid in pair]
     coarse, run = (case.run_on(*each, Gauss(order=8)) for each in zip(pair, stored, strict=True))
     moves = bars(coarse, case.moved.run_on(pair[0], stored[0], Gauss(order=8)))

@@ -17,7 +17,7 @@ from ..geometry.values import hinted, short_repr
 from ..integrators import INTEGRATORS, IVP, Integrator, SimulationError, Status
 from ..integrators.compiled import Compiled
 from ..integrators.integrator import Failure
-from ..integrators.ivp import stretched
+from ..integrators.ivp import segmented
 from ..integrators.load_samples import COMMANDED, commanded, wheel_columns
 from ..integrators.marched_stacks import ENDS, NUMBERS, Numbers, SingleStep, Vector, Wheels
 from ..loads import Load, Term, as_load
@@ -32,9 +32,9 @@ from .contacts import refusal
 from .grid import NODES_APART
 from .notices import failure_message, say, warn_of_cost
 from .planning import internal_states, planned, resolve_integrator
-from .problem import STARTS, OfLoop, OfStart, Problem, part_of, posed
+from .problem import STARTS, OfLoop, OfStart, Problem, keywords_of, posed
 from .single_run import whole_of
-from .starts import AT_REST, BodyState, axes_of, starts
+from .starts import AT_REST, BodyState, starts, wheel_axes_of
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
@@ -76,7 +76,7 @@ class MarchedStep:
                 load = load + Table(frame, around, np.array([moment, moment]))  # type: ignore[arg-type]
         begin: dict[str, Any] = {"quaternion": np.array([numbers[:4]]), "velocity": np.array([numbers[4:7]])}
         begin |= {"internal": np.array([z]) if z else None, "t_start": t, "t_end": t + h}
-        outcome = completion.march(self.scheme, replace(self.stack, load=load, **begin))
+        outcome = completion.checked_march(self.scheme, replace(self.stack, load=load, **begin))
         self._failure = (found := outcome.failure()) and found._replace(step=number)
         end, means = outcome.states.part(0, -1), outcome.intervals
         assert means is not None
@@ -173,9 +173,9 @@ def stepper(
         scheme = replace(scheme, order=2)
     warn_of_cost(load)
     loop, plan = Stepper(body, h, scheme, of_body(load, body.inertia)), planned(body, load, scheme, t_end=h, step=h)
-    say([plan.remark(AT_REST, whole_of(plan, stretched((0.0, h), (1,))))])
+    say([plan.remark(AT_REST, whole_of(plan, segmented((0.0, h), (1,))))])
     if isinstance(system, Problem):
-        loop.reset(**part_of(problem, OfStart), time=problem.t_start)
+        loop.reset(**keywords_of(problem, OfStart), time=problem.t_start)
     return loop
 
 
@@ -311,7 +311,7 @@ class Stepper:
         count = load.internal_state.size - sum(one.count for one in load.wheels)
         held = 0 if load.is_dry else COMMANDED * sum(not one.is_driven for one in load.wheels)
         self._kind = Kind(integrator, step, system.euler_inertia.tobytes(), axis, count, held + count)
-        self._axes = axes_of(load)
+        self._axes = wheel_axes_of(load)
         self._steps_now = False
         self.reset()
 

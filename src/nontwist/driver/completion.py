@@ -52,7 +52,7 @@ X, WEIGHTS = (leggauss(4)[0] + 1) / 2, leggauss(4)[1] / 2  # between two nodes
 COLUMN_NAMES = np.repeat(list(OBSERVED), list(OBSERVED.values()))
 
 
-def march(scheme: Integrator, problem: IVP, threads: int = 1) -> Outcome:
+def checked_march(scheme: Integrator, problem: IVP, threads: int = 1) -> Outcome:
     """Integrate `problem` and check the outcome, which depends on the arguments alone.
 
     Members that fail the check are marked as failed; after the valid states of a member its numbers are NaN.
@@ -71,7 +71,7 @@ def march(scheme: Integrator, problem: IVP, threads: int = 1) -> Outcome:
     if load.is_dry:
         from . import rubbing  # which marches the parts of a run by this function
 
-        outcome = rubbing.march(scheme, own, threads)
+        outcome = rubbing.march_with_friction(scheme, own, threads)
     else:
         outcome = unchecked(scheme, own, threads)
     if in_kernels and problem.output_times is None and isinstance(done := outcome.march, Marched):
@@ -127,7 +127,7 @@ def _observed(scheme: Integrator, problem: IVP) -> Array:
     h = np.diff(nodes)
     times = np.append(np.column_stack([nodes[:-1], nodes[:-1, None] + h[:, None] * X]).ravel(), nodes[-1])
     whole = replace(problem, output_times=times, intervals=True, observed=False, progress=None)
-    outcome = march(scheme, whole)
+    outcome = checked_march(scheme, whole)
     if outcome.failure() is not None:
         return np.full((4, len(COLUMN_NAMES)), np.nan)
     means, systems = outcome.intervals, problem.systems

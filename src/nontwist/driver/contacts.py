@@ -138,7 +138,7 @@ class Contacts:
 
     def forces(self, t: float, q: Array, W: Array, z: Any) -> tuple[Array, Array]:
         """Return K, and z', of wheels without dry friction; q: directors as rows, z: of standing wheels from W."""
-        K = torque(self.body, self.plain, t, q, W)
+        K = inertial_torque(self.body, self.plain, t, q, W)
         if z is None:
             return K, np.zeros(0)
         h, turning = np.asarray(z)[self.places], self.inertia * (self.spins @ W)
@@ -258,7 +258,7 @@ def refusal(scheme: Integrator, problem: IVP) -> str | None:
     return scheme.refusal(problem)
 
 
-def torque(body: DirectorSystem, load: Load, t: float, q: Array, W: Array) -> Array:
+def inertial_torque(body: DirectorSystem, load: Load, t: float, q: Array, W: Array) -> Array:
     """Return J W' of a body without constraint under a load: M + J W × W; q: directors as rows."""
     m = moment_at(load, t, q, W @ q) + cross(q, body.dead_force).sum(axis=0)
     return q @ m + cross(body.convected_inertia @ W, W)

@@ -15,7 +15,7 @@ from ..analysis.variables import DERIVATIVES, Described, assembled, described, l
 from ..geometry.arrays import Array, as_array
 from ..integrators import IVP
 from ..integrators.compiled import Compiled
-from ..integrators.ivp import Stretches, stretched
+from ..integrators.ivp import Segments, segmented
 from ..integrators.linearised_runs import Linearised, scheme_of
 from ..integrators.memory_tangents import RememberingSteps, require_derivatives
 from ..integrators.tangents import ForwardTangents, PreparedTangents, back, forward
@@ -53,7 +53,7 @@ def sensitivities(
         rotation vector in the body, with the velocity in the body unchanged; "inertia", the entries 11, 22, 33, 23, 13,
         12 of J, where one off the diagonal stands for both, or "principal_inertia", the principal moments with their
         axes held fixed, in ascending order, or in that of a diagonal J; "axis", the constrained one; "dead_force";
-        "spin"; "duration", for which the last stretch of the grid is lengthened with the same number of steps;
+        "spin"; "duration", for which the last segment of the grid is lengthened with the same number of steps;
         "load_scale"; and the parameters of the terms of the load: "pulse" and "sine", their peaks; "frequency";
         "phase"; "values" of tables and of momenta of rotors; "rotor", the axis of one; "damping", the entries of its
         matrix; "linear" and "quadratic", the coefficients of a potential; "stiffness" and "rest_length" of a spring;
@@ -199,9 +199,9 @@ class Solved:
     def __init__(self, plan: Plan, begin: Starts, wrt: Any, means: bool = False) -> None:
         Parameters(differentiable(plan, begin), wrt, linearised_by(plan))
         self.run = Prepared(plan._replace(store=1, means=means), begin).run()
-        assert self.run.stretches is not None
-        self.rows, self.is_stored = _rows_of(plan, self.run.stretches)
-        self.problem = plan.problem(begin._replace(grid=None, memory=None), self.run.stretches, self.rows)
+        assert self.run.segments is not None
+        self.rows, self.is_stored = _rows_of(plan, self.run.segments)
+        self.problem = plan.problem(begin._replace(grid=None, memory=None), self.run.segments, self.rows)
         self.parameters = Parameters(self.problem, wrt, linearised_by(plan))
         self._removed = float(begin.removed[0])  # rad/s, of the velocity that was given, along the constrained axis
 
@@ -245,7 +245,7 @@ class Solved:
         return found + first.T @ at_start
 
 
-def _rows_of(plan: Plan, grid: Stretches) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _rows_of(plan: Plan, grid: Segments) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Return the numbers of the stored states, and 1 for each step at whose end the state is stored, else 0."""
     rows = stored_steps(grid.steps, plan.store)
     is_stored = np.zeros(grid.steps, dtype=np.int64)
@@ -255,7 +255,7 @@ def _rows_of(plan: Plan, grid: Stretches) -> tuple[NDArray[np.int64], NDArray[np
 
 def differentiable(plan: Plan, begin: Starts) -> IVP:
     """Return the problem of a plan, on any grid; a ValueError where its runs have no derivatives."""
-    first = plan.grid or stretched((plan.t_start, plan.t_end), (1,))
+    first = plan.grid or segmented((plan.t_start, plan.t_end), (1,))
     linearised_by(plan)
     problem = plan.problem(begin._replace(grid=None), first, np.array([0, first.steps]))
     if plan.load.memories:
@@ -276,7 +276,7 @@ def jacobian_of(plan: Plan, begin: Starts, wrt: Any) -> Array:
 class Jacobian:
     """The derivatives of the runs of a plan with a grid by some parameters, prepared for starts."""
 
-    def __init__(self, plan: Plan, grid: Stretches, wrt: Any) -> None:
+    def __init__(self, plan: Plan, grid: Segments, wrt: Any) -> None:
         rows, is_stored = _rows_of(plan, grid)
         problem = plan.problem(AT_REST, grid, rows)
         self._parameters = Parameters(problem, wrt, linearised_by(plan))

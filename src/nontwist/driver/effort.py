@@ -38,7 +38,7 @@ from ..geometry import rotations
 from ..geometry.arrays import Array, as_positive
 from ..geometry.values import as_whole
 from ..integrators import Status
-from ..integrators.ivp import stretched
+from ..integrators.ivp import segmented
 from ..integrators.linearised_runs import Linearised, scheme_of
 from ..integrators.tangents import forward
 from ..loads import Load, body_moment
@@ -166,7 +166,9 @@ def least_effort(
     begin, end = (one_attitude(x, scalar_first, name) for name, x in (("start", start), ("target", target)))
     way, trace = steered(begin, end), float(np.trace(system.inertia))
     transfer = Transfer(system.inertia / trace, begin.inv() * end, n)
-    y, gradient, gap = solved(transfer, transfer.along(way)) if way.length > 0 else (np.zeros(2 * n), 0.0, 0.0)
+    y, gradient, gap = (
+        least_effort_table(transfer, transfer.along(way)) if way.length > 0 else (np.zeros(2 * n), 0.0, 0.0)
+    )
     table, unit = transfer.table(y), trace / T / T
     effort = float(y @ y) * unit * unit * T
     if not (math.isfinite(effort) and (effort > 0 or way.length == 0)):
@@ -226,7 +228,7 @@ class Transfer:
         steps = -(-STEPS // (nodes - 1)) * (nodes - 1)
         plan = planned(body, integrator="gauss", order=8, t_end=1.0)
         self._scheme = plan.scheme
-        self._problem = plan.problem(AT_REST, stretched((0.0, 1.0), (steps,)))
+        self._problem = plan.problem(AT_REST, segmented((0.0, 1.0), (steps,)))
         self._kept = np.zeros(steps, dtype=np.int64)
         self._kept[-1] = 1
 
@@ -247,7 +249,7 @@ class Transfer:
     def ends(self, y: Array) -> Ends:
         """Return where the moments lead to: far away where a step turns too far."""
         problem = replace(self._problem, load=body_moment(self.times, self.table(y)))
-        outcome = completion.march(self._scheme, problem)
+        outcome = completion.checked_march(self._scheme, problem)
         if outcome.failures[0, 0] != Status.OK:
             return Ends(np.full(5, FAR), np.zeros((5, y.size)))
         from scipy.spatial.transform import Rotation
@@ -263,7 +265,7 @@ class Transfer:
         return Ends(np.concatenate([off, states.velocity[-1, :2]]), slopes)
 
 
-def solved(transfer: Transfer, guess: Array) -> tuple[Array, float, float]:
+def least_effort_table(transfer: Transfer, guess: Array) -> tuple[Array, float, float]:
     """Return the table of least effort near a guess, its projected gradient, and its gap.
 
     Raises

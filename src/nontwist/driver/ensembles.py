@@ -16,7 +16,7 @@ from ..geometry.arrays import Array, as_number, largest_size, vector
 from ..geometry.values import among, as_list, as_whole, short_repr
 from ..integrators import Status
 from ..integrators.compiled import Compiled
-from ..integrators.ivp import stretched
+from ..integrators.ivp import segmented
 from ..machine import cores
 from ..models.stack import SystemStack
 from ..models.system import DirectorSystem, as_system
@@ -38,7 +38,7 @@ from .parameters import EVERY
 from .planning import Plan, require_observed
 from .problem import STARTS, OfEnsemble, OfStarts, Problem, every_stored, plan_of, posed, starts_of, takes
 from .single_run import Prepared, PreparedPlan, integrated, with_warning
-from .starts import AT_REST, Starts, last_attitude, starts, without_spin
+from .starts import AT_REST, Starts, last_attitude, separate_spin, starts
 from .tolerance import controlled
 
 if TYPE_CHECKING:
@@ -149,7 +149,7 @@ def simulate_ensemble(
         require(scheme, load)
     grid, first = plan.grid, None
     if grid is None and scheme.any_times and store == "end":
-        grid = stretched((t0, t1), (1,))
+        grid = segmented((t0, t1), (1,))
     if plan.is_controlled and grid is None:
         first = first_run(plan, begin)
         scheme, grid = first.scheme, finer(first.grid)
@@ -177,10 +177,10 @@ def simulate_ensemble(
             if plan.output_times is not None:
                 own = plan._replace(scheme=scheme)
                 problem = own.problem(begin, problem.grid, observed=bool(requested), on_gpu=on_gpu)
-                outcome = completion.march(scheme, problem, workers)
+                outcome = completion.checked_march(scheme, problem, workers)
         else:
             problem = replace(problem, progress=report)
-            outcome = completion.march(scheme, problem, workers)
+            outcome = completion.checked_march(scheme, problem, workers)
     done = outcome.states.velocity[outcome.failures[:, 0] == Status.OK]
     if not plan.is_controlled and (text := coarseness(scheme, problem, largest_size(done))) is not None:
         warn(text)
@@ -416,7 +416,7 @@ class Propagator:
         p = IDENTITY if rotation is None else last_attitude(rotation, scalar_first)[0]
         if self._axis is None:
             return p, W, 0.0, True
-        W, removed, is_admissible = without_spin(W, self._axis)
+        W, removed, is_admissible = separate_spin(W, self._axis)
         return p, W, float(removed), bool(is_admissible) or self._project
 
     def _jacobian(self, wrt: Any) -> Jacobian | None:

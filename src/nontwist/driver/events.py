@@ -34,7 +34,7 @@ from ..integrators.integrator import IVP, Failure, Integrator, Outcome, Status
 from ..integrators.ivp import Intervals, onward, started
 from ..integrators.load_samples import wheel_columns
 from . import completion
-from .starts import BodyState, axes_of, body_state
+from .starts import BodyState, body_state, wheel_axes_of
 
 TURN, MOST = 0.25, 64  # rad between two times; how many of them there may be in a step
 FIRST, LARGEST = 64, 4096  # steps of the first part, of the largest
@@ -196,11 +196,13 @@ class Part(NamedTuple):
         if problem.off_grid:
             state = self.outcome.states.part(0, check)
             one = replace(problem, **started(state), t_start=t, t_end=float(times[-1]), output_times=times)
-            return completion.march(self.scheme, one)
+            return completion.checked_march(self.scheme, one)
         nodes = problem.times(np.arange(problem.steps + 1))
         node = int(np.searchsorted(nodes, t, side="right")) - 1
         state = self.outcome.states.part(0, int(np.searchsorted(self.times, nodes[node])))
-        return completion.march(self.scheme, replace(onward(problem, node, node + 1, state), output_times=times))
+        return completion.checked_march(
+            self.scheme, replace(onward(problem, node, node + 1, state), output_times=times)
+        )
 
 
 def parts(scheme: Integrator, problem: IVP) -> Iterator[Part]:
@@ -211,7 +213,7 @@ def parts(scheme: Integrator, problem: IVP) -> Iterator[Part]:
         count = min(TIMES, int(np.ceil((problem.t_end - problem.t_start) * fastest / TURN)))
         times = np.linspace(problem.t_start, problem.t_end, count + 2)
         problem = replace(problem, output_times=np.union1d(times, wanted))
-        yield Part(scheme, problem, completion.march(scheme, problem), 0)
+        yield Part(scheme, problem, completion.checked_march(scheme, problem), 0)
         return
     node, size, state, memory, inside = 0, FIRST, None, problem.memory, 1
     while node < problem.steps:
@@ -219,7 +221,7 @@ def parts(scheme: Integrator, problem: IVP) -> Iterator[Part]:
         one = replace(onward(problem, node, last, state), memory=memory)
         while True:
             times = checked_times(one, inside, wanted)
-            outcome = completion.march(scheme, replace(one, output_times=times))
+            outcome = completion.checked_march(scheme, replace(one, output_times=times))
             good = int(outcome.good[0])
             turns = np.sqrt(np.square(outcome.states.velocity[0, : good - 1]).sum(axis=1)) * np.diff(times[:good])
             if inside >= MOST or not turns.size or turns.max() <= 1.1 * TURN:
@@ -373,7 +375,7 @@ class Search:
         """Return states along times as values."""
         p, W, t, load = states.quaternion.tolist(), states.velocity.tolist(), times.tolist(), self.part.problem.load
         z: Any = [()] * len(t) if states.internal is None else states.internal.tolist()
-        axes, columns = axes_of(load), [k for _, k in wheel_columns(load)]
+        axes, columns = wheel_axes_of(load), [k for _, k in wheel_columns(load)]
         return [body_state(*one, axes, columns) for one in zip(t, p, W, z, strict=False)]
 
 

@@ -15,7 +15,7 @@ from ..geometry.attitudes import States
 from ..geometry.values import as_whole
 from ..integrators import IVP, Integrator, SimulationError, Status
 from ..integrators.integrator import Outcome
-from ..integrators.ivp import Stretches
+from ..integrators.ivp import Segments
 from ..integrators.linearised_runs import Linearised, scheme_of
 from ..integrators.stepping import in_threads
 from ..integrators.stepping import progress as counted
@@ -102,7 +102,7 @@ def lyapunov(system: DirectorSystem | Problem, **keywords: Unpack[OfMotion]) -> 
     return xarray.Dataset({"lyapunov_exponent": (("time", "exponent"), means, KNOWN)}, along)
 
 
-def _warn_of_hidden(plan: Plan, begin: Starts, grid: Stretches) -> None:
+def _warn_of_hidden(plan: Plan, begin: Starts, grid: Segments) -> None:
     if scheme_of(plan.scheme, plan.load).is_director_scheme:
         warn("energy-momentum hides exponents below zero; use gauss or lie-midpoint for these")
     if plan.grid is not None:  # that a given step does not resolve decays is said of every run
@@ -207,7 +207,7 @@ def grown(scheme: Integrator, problem: IVP, threads: int) -> tuple[Array, Outcom
 
     def block(first: int, last: int) -> None:
         part = replace(problem.part(first, last), stored=nodes)
-        outcome = completion.march(scheme, part)
+        outcome = completion.checked_march(scheme, part)
         failures[first:last] = outcome.failures
         reasons.update({first + k: reason for k, reason in outcome.reasons.items()})
         own = shared.workspace()

@@ -31,9 +31,9 @@ from ..geometry.arrays import EPS, Array
 from ..integrators import Integrator
 from ..integrators.costs import gyration_rate, highest_frequency, slowest_damping, swing_rate
 from ..integrators.gauss import Gauss
-from ..integrators.ivp import Stretches, stretched
+from ..integrators.ivp import Segments, segmented
 from ..integrators.lie_midpoint import LieMidpoint
-from .grid import FEWEST, HIGHER, MOST, TURN, Pieces, even_step, steady, stretches_of
+from .grid import FEWEST, HIGHER, MOST, TURN, Piecewise, even_step, segments_of, steady
 from .planning import Plan, candidates
 from .starts import Starts
 
@@ -52,13 +52,13 @@ class First(NamedTuple):
     """What the local estimate chooses: the coarse run to begin with."""
 
     scheme: Integrator
-    pace: Pieces
-    steps: Pieces
-    grid: Stretches
+    pace: Piecewise
+    steps: Piecewise
+    grid: Segments
     swing: float  # rad/s, about the fastest rate of swings
 
 
-def first_step(plan: Plan, begin: Starts, pace: Pieces, swing: float) -> tuple[Integrator, Pieces]:
+def first_step(plan: Plan, begin: Starts, pace: Piecewise, swing: float) -> tuple[Integrator, Piecewise]:
     """Return the integrator of the cheapest order, and its steps, by the local estimate; `pace`: |w|."""
     span, lengths, fastest = plan.t_end - plan.t_start, pace.lengths(plan.t_end), np.maximum(pace.values, 1e-300)
     rates = np.maximum(HARMONICS * pace.values, max(swing, 1e-3 / span))
@@ -86,16 +86,16 @@ def first_step(plan: Plan, begin: Starts, pace: Pieces, swing: float) -> tuple[I
 def _resolving(plan: Plan, scheme: Integrator, whole: float) -> float:
     """Return the turn in a step with which a turn by `whole`, rad, is off by a tenth of the tolerance."""
     goal = max(plan.goal, EPS)  # less is refused after a run
-    return float((TENTH * goal / (_lag(scheme) * whole)) ** (1 / order_of(scheme)))
+    return float((TENTH * goal / (_lag_constant(scheme) * whole)) ** (1 / order_of(scheme)))
 
 
 @lru_cache(maxsize=64)
-def _lag(scheme: Integrator) -> float:
+def _lag_constant(scheme: Integrator) -> float:
     """Return c, where a step misses a steady turn by θ by c θ^(p + 1)."""
     return float(max(scheme.lag(STEADY), EPS) / STEADY ** (order_of(scheme) + 1))
 
 
-def apart_shown(plan: Plan, pace: Pieces, swing: float) -> Pieces:
+def apart_shown(plan: Plan, pace: Piecewise, swing: float) -> Piecewise:
     """Return how far states are apart from which figures are made, s: they show a gyration, too, where they can."""
     span = plan.t_end - plan.t_start
     apart = np.minimum(TURN / np.maximum(pace.values, 1e-300), min(span / FEWEST, PHASE / max(swing, 1e-300)))
@@ -108,10 +108,10 @@ def first_run(plan: Plan, begin: Starts, fastest: float | None = None) -> First:
     fastest, plan = plan.fastest(begin) if fastest is None else fastest, plan.linearised(begin)
     swing, pace = swing_rate(plan.systems, plan.load, begin.load_scale), plan.pace(begin, fastest)
     scheme, h = first_step(plan, begin, pace, swing)
-    return First(scheme, pace, h, grid_of(plan, begin, scheme, h), swing)
+    return First(scheme, pace, h, coarse_grid(plan, begin, scheme, h), swing)
 
 
-def grid_of(plan: Plan, begin: Starts, scheme: Integrator, longest: Pieces) -> Stretches:
+def coarse_grid(plan: Plan, begin: Starts, scheme: Integrator, longest: Piecewise) -> Segments:
     """Return the grid of a coarse run; a higher order resolves more of the load in a step."""
     higher, steps = 1 if plan.is_shown else HIGHER, float(np.sum(longest.lengths(plan.t_end) / longest.values))
     rate, part = plan.decay(begin), 1.0
@@ -126,7 +126,7 @@ def grid_of(plan: Plan, begin: Starts, scheme: Integrator, longest: Pieces) -> S
         part = min(_resolving(plan, scheme, 1.0), 1.0)
         if rate > 0 and begin.velocity.any():
             longest = longest._replace(values=np.minimum(longest.values, BALANCED / rate))
-    return stretches_of(plan.grid_load, plan.t_start, plan.t_end, longest, True, higher, decay=rate, part=part)
+    return segments_of(plan.grid_load, plan.t_start, plan.t_end, longest, True, higher, decay=rate, part=part)
 
 
 def _decays(begin: Starts) -> float:
@@ -180,10 +180,10 @@ def damped_steps(plan: Plan, begin: Starts) -> str:
 
 
 @lru_cache(maxsize=64)
-def finer(grid: Stretches) -> Stretches:
-    """Return a grid with at least 3/2 as many steps in each stretch."""
+def finer(grid: Segments) -> Segments:
+    """Return a grid with at least 3/2 as many steps in each segment."""
     counts = np.diff(grid.numbers)
-    return stretched(grid.borders, np.where(counts % 2 == 0, counts // 2 * 3, 2 * counts))
+    return segmented(grid.borders, np.where(counts % 2 == 0, counts // 2 * 3, 2 * counts))
 
 
 def order_of(scheme: Integrator) -> float:

@@ -1,4 +1,4 @@
-"""The time grid: steps that divide the span, stretches between the kinks of a load, the automatic step."""
+"""The time grid: steps that divide the span, segments between the kinks of a load, the automatic step."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..geometry.arrays import Array, as_array, as_number, increasing
 from ..geometry.values import as_whole, counted, short_repr
 from ..integrators import Integrator
-from ..integrators.ivp import FIT, Stretches, stretched
+from ..integrators.ivp import FIT, Segments, segmented
 from ..loads import Load, body_moment
 from ..loads.terms import Tabulated
 from ..machine import free_memory as free_memory  # which tests replace here
@@ -30,7 +30,7 @@ CLOSEST = 16 * NODES_APART  # of the first steps, which may be refined
 SMALL = 2**26  # bytes that are assumed to be free
 
 
-class Pieces(NamedTuple):
+class Piecewise(NamedTuple):
     """Numbers that hold from one time to the next, the last one to the end of a run."""
 
     times: Array  # (n,) s
@@ -49,7 +49,7 @@ class Pieces(NamedTuple):
         """Return those that hold from some times on."""
         return self.values[np.searchsorted(self.times, times, side="right") - 1]
 
-    def measured(self, times: Array, values: Array) -> Pieces:
+    def measured(self, times: Array, values: Array) -> Piecewise:
         """Return the largest of the values at increasing times in each piece, or beside it where it has none."""
         first = np.searchsorted(times, self.times, side="right") - 1
         last = np.append(np.searchsorted(times, self.times[1:]), len(times) - 1)
@@ -57,9 +57,9 @@ class Pieces(NamedTuple):
         return self._replace(values=np.array(found))
 
 
-def steady(time: float, value: float) -> Pieces:
+def steady(time: float, value: float) -> Piecewise:
     """Return one number that holds from a time on."""
-    return Pieces(np.array([time]), np.array([value]))
+    return Piecewise(np.array([time]), np.array([value]))
 
 
 def count_steps(span: float, step: float) -> int:
@@ -97,7 +97,7 @@ def is_too_short(span: float, step: float) -> bool:
 
 
 @lru_cache(maxsize=64)
-def require_resolution(t_start: float, t_end: float, grid: Stretches) -> None:
+def require_resolution(t_start: float, t_end: float, grid: Segments) -> None:
     """Raise a ValueError, with a valid step, when steps are so short that their nodes may coincide."""
     span, ends = t_end - t_start, abs(np.array(grid.borders))
     apart = np.spacing(np.maximum(ends[1:], ends[:-1]))
@@ -112,7 +112,7 @@ def require_resolution(t_start: float, t_end: float, grid: Stretches) -> None:
     )
 
 
-def joined(before: Stretches | None, grid: Stretches) -> Stretches:
+def joined_grid(before: Segments | None, grid: Segments) -> Segments:
     """Return a grid of equal steps, as part of that of the previous run where steps of that lead to the same nodes.
 
     That is, to round-off of the times, and `before` is counted from the end of the previous run.
@@ -123,10 +123,10 @@ def joined(before: Stretches | None, grid: Stretches) -> Stretches:
     rounding = 4 * float(np.spacing(max(abs(origin), abs(t_start), abs(t_end))))
     if max(abs(n * h + (t_start - origin)), abs(N * h - (t_end - t_start))) > rounding:
         return grid
-    return Stretches((origin, t_end), (n, N), (h,))
+    return Segments((origin, t_end), (n, N), (h,))
 
 
-def rest_of(before: Stretches | None, load: Load, t_start: float, t_end: float) -> Stretches | None:
+def rest_of_grid(before: Segments | None, load: Load, t_start: float, t_end: float) -> Segments | None:
     """Return what a run that was stopped has left of its grid, None where it has not, or kinks of `load` are off it."""
     if before is None or before.steps == 0 or before.borders[-1] != t_end:
         return None
@@ -157,21 +157,21 @@ def kinks(load: Load, t_start: float, t_end: float) -> Array:
     return found
 
 
-def stretches_of(
+def segments_of(
     load: Load,
     t_start: float,
     t_end: float,
-    longest: float | Pieces,
+    longest: float | Piecewise,
     even: bool = False,
     higher: int = 1,
     *,
     resolves: bool = True,
     decay: float = 0.0,
     part: float = 1.0,
-) -> Stretches:
+) -> Segments:
     """Return a grid whose nodes hold the kinks of a load, with steps up to `longest` that resolve its pulses and sines.
 
-    With `even` each stretch has an even number of steps, or one; `higher` times longer ones resolve the load. Unless it
+    With `even` each segment has an even number of steps, or one; `higher` times longer ones resolve the load. Unless it
     `resolves` the load, kinks are all that it looks at. Modes that decay at rates up to `decay`, 1/s, are resolved as
     by `graded`.
 
@@ -181,7 +181,7 @@ def stretches_of(
         Too many steps.
     """
     borders = np.concatenate([[t_start], kinks(load, t_start, t_end), [t_end]])
-    if not isinstance(longest, Pieces):
+    if not isinstance(longest, Piecewise):
         longest = steady(t_start, longest)
     borders, each = graded(borders, longest.largest, decay, part)
     if len(longest.times) > 1:
@@ -201,7 +201,7 @@ def stretches_of(
             f"{(t_end - t_start) / count:.2g} s with gauss"
         )
     counts = np.maximum(1, np.ceil(least * (1 - 1e-12)))
-    return stretched(borders, np.where(even & (counts > 1), 2 * np.ceil(counts / 2), counts))
+    return segmented(borders, np.where(even & (counts > 1), 2 * np.ceil(counts / 2), counts))
 
 
 def graded(borders: Array, longest: float, decay: float, part: float) -> tuple[Array, Array]:
@@ -325,7 +325,7 @@ def off_grid_message(load: Load, t_start: float, t_end: float, N: int, what: str
     )
 
 
-def load_messages(load: Load, systems: SystemStack, t_start: float, t_end: float, grid: Stretches) -> list[str]:
+def load_messages(load: Load, systems: SystemStack, t_start: float, t_end: float, grid: Segments) -> list[str]:
     """Return the warnings for a load and a spin on a grid: breakpoints off the nodes, tables that end too early."""
     messages = []
     if len(grid.sizes) == 1:

@@ -23,7 +23,7 @@ from ..geometry.values import number_text
 from ..integrators import IVP, Integrator, Status
 from ..integrators.costs import Cost
 from ..integrators.integrator import Failure, Outcome
-from ..integrators.ivp import Stretches
+from ..integrators.ivp import Segments
 from ..loads import Load
 from ..loads.load_derivatives import name_of_function
 from ..models.stack import SystemStack
@@ -208,7 +208,7 @@ def say(messages: Sequence[str | None]) -> bool:
     return not said
 
 
-def warn_of_grid(load: Load, systems: SystemStack, t0: float, t1: float, grid: Stretches) -> bool:
+def warn_of_grid(load: Load, systems: SystemStack, t0: float, t1: float, grid: Segments) -> bool:
     """Warn of breakpoints off the grid, of a load or of a prescribed spin, and of tables that end too early.
 
     Return whether there are none.

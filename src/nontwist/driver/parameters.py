@@ -15,7 +15,7 @@ from ..geometry.attitudes import BASIS, ENTRIES
 from ..geometry.values import as_list, guess, short_repr
 from ..integrators.compiled import Compiled
 from ..integrators.ivp import IVP
-from ..integrators.linearised_runs import Changes, Entries, StepNodes
+from ..integrators.linearised_runs import Changes, InputDerivatives, StepNodes
 from ..integrators.load_samples import as_marched, orbit_of
 from ..integrators.memory_tangents import FIELDS, NAMES
 from ..loads.load import is_called, tables_as_moments
@@ -55,7 +55,7 @@ class Effect(NamedTuple):
     """What a parameter does to some of the inputs of steps."""
 
     inputs: tuple[str, ...]
-    entries: Callable[[StepNodes], Iterable[Entries]]
+    entries: Callable[[StepNodes], Iterable[InputDerivatives]]
 
 
 class Parameters:
@@ -231,18 +231,20 @@ class Parameters:
         """The inputs of the steps that the parameters act on."""
         return {name for effect in self._effects for name in effect.inputs}
 
-    def entries(self, nodes: StepNodes) -> Iterator[Entries]:
+    def entries(self, nodes: StepNodes) -> Iterator[InputDerivatives]:
         """Yield what the parameters do to the inputs of some steps."""
         for effect in self._effects:
             yield from effect.entries(nodes)
 
-    def entries_along(self, directions: Array, nodes: StepNodes) -> Iterator[Entries]:
+    def entries_along(self, directions: Array, nodes: StepNodes) -> Iterator[InputDerivatives]:
         """Yield what a change of all parameters at once does, along each of the `directions`, (count, d)."""
         d = directions.shape[1]
         for name, component, parameter, value, step in self.entries(nodes):
             along = (value[:, None] * directions[parameter]).ravel()
             which = np.tile(np.arange(d), len(value))
-            yield Entries(name, np.repeat(component, d), which, along, None if step is None else np.repeat(step, d))
+            yield InputDerivatives(
+                name, np.repeat(component, d), which, along, None if step is None else np.repeat(step, d)
+            )
 
     # ---- what each parameter does
 
@@ -264,7 +266,9 @@ class Parameters:
             yield Effect(("spin",), partial(self._of_spin, first))
         elif one.name == "material_angular_velocity" and wheels:
             locked = sum((wheel.locked for wheel in wheels), np.zeros((3, 3))) @ self._across
-            yield Effect(("rotor",), lambda nodes: [_fixed("rotor", np.tile(locked, (len(nodes.middles), 1)), first)])
+            yield Effect(
+                ("rotor",), lambda nodes: [_of_all_steps("rotor", np.tile(locked, (len(nodes.middles), 1)), first)]
+            )
         elif one.name == "load_scale":
             if any(map(is_called, self.terms)):
                 yield _always("factor", np.eye(1), first)
@@ -315,20 +319,24 @@ class Parameters:
         assert spin is not None
         return np.stack([np.interp(times, spin.times, row) for row in np.eye(len(spin.values))], axis=1)
 
-    def _of_spin(self, first: int, nodes: StepNodes) -> Iterator[Entries]:
+    def _of_spin(self, first: int, nodes: StepNodes) -> Iterator[InputDerivatives]:
         change = self._spin_weights(nodes.end) - self._spin_weights(nodes.begin)
         step, k = np.nonzero(change)
-        yield Entries("spin", 0 * k, first + k, change[step, k], nodes.first + step)
+        yield InputDerivatives("spin", 0 * k, first + k, change[step, k], nodes.first + step)
 
-    def _of_nodes(self, term: Term, field: str, first: int, factor: float, nodes: StepNodes) -> Iterator[Entries]:
+    def _of_nodes(
+        self, term: Term, field: str, first: int, factor: float, nodes: StepNodes
+    ) -> Iterator[InputDerivatives]:
         """Yield what a parameter of a moment of time, or of a table of forces, does to it at the nodes."""
         later = self._later_by(nodes)[1] if field == LATER else None
         slopes, name = slopes_of_time(term, field, nodes.times, later), _input_of(term)
         place = INPUTS[name] * (slopes.row % len(nodes.middles)) + slopes.component
         value = slopes.value if name == "forces" else factor * slopes.value
-        yield Entries(name, place, first + slopes.parameter, value, nodes.of_nodes[slopes.row])
+        yield InputDerivatives(name, place, first + slopes.parameter, value, nodes.of_nodes[slopes.row])
 
-    def _of_rotor(self, term: Any, field: str, first: int, factor: float, nodes: StepNodes) -> Iterator[Entries]:
+    def _of_rotor(
+        self, term: Any, field: str, first: int, factor: float, nodes: StepNodes
+    ) -> Iterator[InputDerivatives]:
         """Yield what a parameter of a rotor, or of a wheel whose momentum is known, does to its momentum.
 
         The momentum changes at the nodes, on the chords of the steps, and so does its rate.
@@ -344,16 +352,18 @@ class Parameters:
             step, parameter = nodes.first + slopes.row, first + slopes.parameter
             value = factor * slopes.value
             if not steady:  # else they cancel
-                yield Entries("rate", slopes.component, parameter, sign * value / nodes.sizes[slopes.row], step)
+                yield InputDerivatives(
+                    "rate", slopes.component, parameter, sign * value / nodes.sizes[slopes.row], step
+                )
             for j, c in enumerate(nodes.middles.tolist()):
                 weight = c if sign > 0 else 1.0 - c
-                yield Entries("rotor", 3 * j + slopes.component, parameter, weight * value, step)
+                yield InputDerivatives("rotor", 3 * j + slopes.component, parameter, weight * value, step)
         if field == LATER:  # and so are the steps
             h, h1 = (term.history(t)[0][:, None] * term.direction for t in times)
             change = term.scale * (h1 - h)
             change *= -(at[1:] - at[:-1])[:, None] / (nodes.sizes**2)[:, None]
             row, component, parameter, value = Slopes.of(change[..., None])
-            yield Entries("rate", component, first + parameter, factor * value, nodes.first + row)
+            yield InputDerivatives("rate", component, first + parameter, factor * value, nodes.first + row)
 
     def _slopes_of_wheel(self, wheel: Wheel, field: str, times: Array, factor: float) -> Array:
         """Return the derivatives of h n of a wheel at (n,) times by a parameter, (n, 3, count)."""
@@ -372,7 +382,7 @@ class Parameters:
         by["scale"] = wheel.speed * by_speed + wheel.torque * by_torque
         return factor * (by[field][:, None] * n)[..., None]
 
-    # ---- a longer last stretch, with as many steps: longer steps, and later nodes
+    # ---- a longer last segment, with as many steps: longer steps, and later nodes
 
     def _later_by(self, nodes: StepNodes) -> tuple[Array, Array, int]:
         """Return by how much later steps begin, and the last one ends, and nodes are; the first step that is longer."""
@@ -383,7 +393,7 @@ class Parameters:
         later[nodes.of_nodes < begin] = 0.0
         return at, later, begin
 
-    def _longer(self, first: int, nodes: StepNodes) -> Iterator[Entries]:
+    def _longer(self, first: int, nodes: StepNodes) -> Iterator[InputDerivatives]:
         """Yield what it does to the sizes of steps, and to a spin."""
         at, _, begin = self._later_by(nodes)
         steps = np.arange(max(nodes.first, begin), nodes.last)
@@ -391,18 +401,18 @@ class Parameters:
             return
         every = np.zeros(1, dtype=np.int64) if begin == 0 else 0 * steps
         share = np.full(len(every), 1.0 / (self.problem.steps - begin))
-        yield Entries("step", every, first + every, share, None if begin == 0 else steps)
+        yield InputDerivatives("step", every, first + every, share, None if begin == 0 else steps)
         spin, factor = self.problem.systems.spin, self.problem.systems.spin_factor
         if spin is not None and factor is not None:
             rates = [chord(spin.times, spin.values, t) for t in (nodes.begin, nodes.end)]
             change = factor[0] * (rates[1] * at[1:] - rates[0] * at[:-1])
             k = np.arange(len(change))
-            yield Entries("spin", 0 * k, first + 0 * k, change, nodes.first + k)
+            yield InputDerivatives("spin", 0 * k, first + 0 * k, change, nodes.first + k)
 
-    def _later(self, first: int, nodes: StepNodes) -> Iterator[Entries]:
+    def _later(self, first: int, nodes: StepNodes) -> Iterator[InputDerivatives]:
         """Yield what it does to the time of functions of the state."""
         k = np.arange(nodes.first, nodes.last)
-        yield Entries("time", 0 * k, first + 0 * k, self._later_by(nodes)[0][:-1], k)
+        yield InputDerivatives("time", 0 * k, first + 0 * k, self._later_by(nodes)[0][:-1], k)
 
 
 def principal_axes(J: Array) -> Array:
@@ -426,12 +436,12 @@ def _input_of(term: Term) -> str:
     return "rotor" if isinstance(term, Rotor | Wheel) else inputs.get(term.kind, "dead")
 
 
-def _fixed(name: str, change: Array, first: int, place: int = 0) -> Entries:
+def _of_all_steps(name: str, change: Array, first: int, place: int = 0) -> InputDerivatives:
     """Return what parameters do to an input of all steps, by its changes by each of them, (components, count)."""
     component, parameter = np.nonzero(change)
-    return Entries(name, place + component, first + parameter, change[component, parameter])
+    return InputDerivatives(name, place + component, first + parameter, change[component, parameter])
 
 
 def _always(name: str, change: Array, first: int, place: int = 0) -> Effect:
-    entries = _fixed(name, change, first, place)
+    entries = _of_all_steps(name, change, first, place)
     return Effect((name,), lambda nodes: [entries])

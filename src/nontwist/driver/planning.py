@@ -16,9 +16,9 @@ from ..geometry.values import nearest, short_repr
 from ..integrators import DEFAULT, INTEGRATORS, IVP, Integrator
 from ..integrators.continuous import METHODS
 from ..integrators.costs import damping_at, damping_rate, largest_velocity, memory_rate, slowest_damping
-from ..integrators.ivp import Stretches, stretched
+from ..integrators.ivp import Segments, segmented
 from ..integrators.load_samples import carrier
-from ..integrators.load_samples import internal_states as first_states
+from ..integrators.load_samples import first_internal_states as first_states
 from ..loads import Load, Term, as_load, damping
 from ..loads.load import of_body
 from ..loads.memory_terms import carried_on
@@ -30,16 +30,16 @@ from .grid import (
     FEWEST,
     MOST,
     TURN,
-    Pieces,
+    Piecewise,
     as_store,
     checked_output_times,
     count_steps,
-    joined,
+    joined_grid,
     kinks,
+    segments_of,
     steady,
     stored_count,
     stored_steps,
-    stretches_of,
     with_spin_kinks,
 )
 from .starts import Starts
@@ -58,7 +58,7 @@ class Plan(NamedTuple):
     t_start: float
     t_end: float
     store: int | Literal["end"]
-    grid: Stretches | None  # None: chosen for the start
+    grid: Segments | None  # None: chosen for the start
     output_times: Array | None  # they need not lie on a grid
     tolerance: float | None = None
     schemes: tuple[Integrator, ...] = ()  # of which a tolerance chooses one
@@ -106,7 +106,7 @@ class Plan(NamedTuple):
         """Whether the integrator takes no steps, but goes from output time to output time."""
         return self.output_times is not None and self.scheme.any_times
 
-    def states(self, grid: Stretches) -> int:
+    def states(self, grid: Segments) -> int:
         """Return how many states are stored of a run on a grid; a ValueError where they do not fit into memory."""
         return stored_count(grid.steps, self.store) if self.output_times is None else len(self.output_times)
 
@@ -153,7 +153,7 @@ class Plan(NamedTuple):
         times, torque = (self.t_start, self.t_end), begin.wheel_torque
         return largest_velocity(self.systems, W, load, *times, begin.load_scale, is_bound, wheel_torque=torque)
 
-    def pace(self, begin: Starts, fastest: float) -> Pieces:
+    def pace(self, begin: Starts, fastest: float) -> Piecewise:
         """Return about the largest |w| of its runs as time goes on, rad/s; `fastest`: the largest of all.
 
         Moments M and damping C, ρ its slowest rate, bound ω = J^(1/2) W by ``|ω|' <= |J^(-1/2) M| - ρ |ω|``, so
@@ -175,10 +175,10 @@ class Plan(NamedTuple):
         since = 2.0 ** np.arange(first, last + 1) / decay
         since = since[(since < span) & (since > CLOSEST * np.spacing(abs(self.t_start) + since))]
         left = np.append(fastest, driven + fastest * np.exp(-rate * since))
-        pace = Pieces(self.t_start + np.append(0.0, since), np.minimum(left, fastest))
+        pace = Piecewise(self.t_start + np.append(0.0, since), np.minimum(left, fastest))
         return pace if SETTLES * (pace.lengths(self.t_end) @ pace.values) < whole else one
 
-    def automatic(self, begin: Starts, longest: float | None = None, is_bound: bool = False) -> Stretches:
+    def automatic(self, begin: Starts, longest: float | None = None, is_bound: bool = False) -> Segments:
         """Return a grid for at most 0.05 rad a step: by a bound, or an estimate to be verified by the run.
 
         The run then knows how long they may be, `longest`. Modes that decay faster are resolved while they last, or,
@@ -197,10 +197,10 @@ class Plan(NamedTuple):
             longest = min((self.t_end - self.t_start) / FEWEST, TURN / fastest if fastest else np.inf)
         rate, span = damping_rate(self.systems, load, begin.load_scale), (self.t_start, self.t_end)
         if not longest * rate > 1:
-            return stretches_of(load, *span, longest)
+            return segments_of(load, *span, longest)
         longest, part = (longest, TURN) if self.scheme.is_a_stable else (1 / rate, 1.0)
         try:
-            return stretches_of(load, *span, longest, decay=rate, part=part)
+            return segments_of(load, *span, longest, decay=rate, part=part)
         except ValueError:
             from .first_steps import damped_steps
 
@@ -210,12 +210,12 @@ class Plan(NamedTuple):
                 ) from None
             raise
 
-    def problem(self, begin: Starts, grid: Stretches, stored: NDArray[np.int64] | None = None, **options: Any) -> IVP:
+    def problem(self, begin: Starts, grid: Segments, stored: NDArray[np.int64] | None = None, **options: Any) -> IVP:
         """Return the problem of the plan with a start; `stored`: the numbers of the stored steps; options of it."""
         if stored is None:
             stored = stored_steps(grid.steps, "end" if self.output_times is not None else self.store)
         if not self.off_grid:
-            grid = joined(begin.grid, grid)
+            grid = joined_grid(begin.grid, grid)
         return IVP(
             self.systems,
             begin.quaternion,
@@ -231,7 +231,7 @@ class Plan(NamedTuple):
             normal=begin.normal,
             memory=begin.memory,
             internal=internal_states(self.systems, self.load, begin, self.t_start),
-            stretches=grid,
+            segments=grid,
             wheel_torque=begin.wheel_torque,
             **options,
         )
@@ -277,7 +277,7 @@ def planned(
     steps = None if step is None else count_steps(t1 - t0, step)
     if output_times is not None and scheme.any_times:
         steps = 1
-    grid = None if steps is None else stretched((t0, t1), (steps,))
+    grid = None if steps is None else segmented((t0, t1), (steps,))
     load = as_load(load)
     if load.terms:
         load = fitting(load, scheme, systems)

@@ -342,14 +342,14 @@ def prepared(problem: Problem) -> Prepared:
 
 def start_of(problem: Problem) -> Starts:
     """Return the checked start of one run; errors as `simulate`."""
-    how = {"t_start": problem.t_start, "load": as_load(problem.load), **part_of(problem, OfStart)}
+    how = {"t_start": problem.t_start, "load": as_load(problem.load), **keywords_of(problem, OfStart)}
     return starts(as_system(problem.system), **how)
 
 
 def starts_of(problem: Problem) -> Starts:
     """Return the checked starts of many runs; errors as `simulate_ensemble`."""
     how = {name: getattr(problem, name) for name in ("t_start", "load_scale", "wheel_torque")}
-    return starts(problem.system, **how, **part_of(problem, OfStart), many=True, load=as_load(problem.load))
+    return starts(problem.system, **how, **keywords_of(problem, OfStart), many=True, load=as_load(problem.load))
 
 
 def plan_of(problem: Problem, begin: Starts | None = None, **fixed: Any) -> Plan:
@@ -357,7 +357,7 @@ def plan_of(problem: Problem, begin: Starts | None = None, **fixed: Any) -> Plan
 
     `fixed` are keywords that the caller decides.
     """
-    how = {**part_of(problem, OfSpan), "store": problem.store, "times": problem.times, **fixed}
+    how = {**keywords_of(problem, OfSpan), "store": problem.store, "times": problem.times, **fixed}
     if begin is not None and begin.wheel_torque is not None:  # which members have motors for
         how["load"] = with_torques(as_load(problem.load), np.zeros(begin.wheel_torque.shape[1]))
     return planned(stacked(problem.system), start_time=None if begin is None else begin.time, **how)
@@ -369,7 +369,7 @@ def every_stored(problem: Problem) -> int | Literal["end"]:
     return 1 if problem.times is not None and every == "end" else every
 
 
-def part_of(problem: Problem, group: Any) -> dict[str, Any]:
+def keywords_of(problem: Problem, group: Any) -> dict[str, Any]:
     """Return the keywords of a group that a problem has."""
     return {key: problem.given[key] for key in group.__annotations__ if key in problem.given}
 

@@ -61,7 +61,7 @@ IN_PLANE = 1e-11  # of the largest |W|: velocities along a line
 State = tuple[float, Array, Array, Any]  # time, directors as rows, W, internal states
 
 
-def march(scheme: Integrator, problem: IVP, threads: int = 1) -> Outcome:
+def march_with_friction(scheme: Integrator, problem: IVP, threads: int = 1) -> Outcome:
     """Integrate a stack of bodies under dry friction, or with wheels that have it, one after the other.
 
     Raises
@@ -155,7 +155,7 @@ class Rubbed(Contacts):
 
     def to(self, t: float) -> IVP:
         """Return the problem of one step from here to a time."""
-        grid: dict[str, Any] = {"steps": 1, "stored": np.array([0, 1]), "stretches": None, "progress": None}
+        grid: dict[str, Any] = {"steps": 1, "stored": np.array([0, 1]), "segments": None, "progress": None}
         return replace(
             self.problem, t_start=self.t, t_end=t, output_times=None, load=self.load, **grid, **started(self.state)
         )
@@ -177,7 +177,7 @@ class Rubbed(Contacts):
             events = tuple(Event(_positive(each.value, one.t_start), "friction", 1, -1.0) for each in changes)
             times, outcome, _, ended_by = march_to_events(self.scheme, one, events)
         else:
-            times, outcome = one.stored_times, completion.march(self.scheme, one)
+            times, outcome = one.stored_times, completion.checked_march(self.scheme, one)
         n, failure = int(outcome.good[0]), outcome.failure()
         if failure is not None:
             self.failure = failure._replace(step=failure.step + self.number())

@@ -17,12 +17,12 @@ from numpy.typing import ArrayLike
 
 from ..analysis.datasets import RUN, as_dataset
 from ..analysis.joining import parts_of
-from ..analysis.trajectory import Trajectory, state_dataset, stretches_from
+from ..analysis.trajectory import Trajectory, segments_from, state_dataset
 from ..analysis.variables import VARIABLES
 from ..geometry.arrays import Array, as_array
 from ..geometry.attitudes import States, states_of, without_jumps
 from ..integrators import INTEGRATORS, IVP, Integrator, SimulationError, SimulationInterrupt
-from ..integrators.ivp import FIT, Stretches, started, stretched
+from ..integrators.ivp import FIT, Segments, segmented, started
 from ..loads import Load, Term, as_load, body_moment
 from ..loads.kinds import load_of
 from ..loads.load import of_body, with_torques
@@ -56,7 +56,7 @@ def simulate(
         Must divide the span. None: the breakpoints of the load are nodes, with equal steps between neighbouring
         breakpoints. `gauss` of an order above 2 meets a tolerance of 1e-8, and stores states that are 0.05 rad apart,
         and 0.2 rad of a swing, or of the gyration that rotors and wheels cause if 20,000 states show it; with other
-        integrators the body turns by at most 0.05 rad per step. The longest step is recorded, with `stretches`.
+        integrators the body turns by at most 0.05 rad per step. The longest step is recorded, with `segments`.
     tolerance : float, rad, optional
         Instead of `step`: the steps, and the order unless it is given, are chosen such that the error of the attitude,
         and that of W relative to its largest magnitude (for a body at rest: to 1 rad per run), are below the tolerance
@@ -151,7 +151,7 @@ def simulate(
     array([ 0.   ,  5.   , 10.   , 11.614])
     """
     problem = posed("simulate", system, keywords, OfRun)
-    run = dataset_of(solved(problem, progress))
+    run = dataset_of(run_of(problem, progress))
     return run if problem.file is None else run.assign_attrs(problem.file.record())
 
 
@@ -203,10 +203,10 @@ def integrate(
     >>> round(float(trajectory.rotation[-1].magnitude()), 6)
     2.0
     """
-    return solved(posed("integrate", system, keywords, OfRun), progress)
+    return run_of(posed("integrate", system, keywords, OfRun), progress)
 
 
-def solved(problem: Problem, progress: bool = False) -> Trajectory:
+def run_of(problem: Problem, progress: bool = False) -> Trajectory:
     """Return the run of a problem; errors as `simulate`."""
     return prepared(problem).run(progress)
 
@@ -312,16 +312,16 @@ def _between(
     of = np.searchsorted(t, wanted, side="right") - 1
     found, rest = stored.part(of), np.flatnonzero(t[of] != wanted)
 
-    def problem(k: int, grid: Stretches, output_times: Array) -> IVP:
+    def problem(k: int, grid: Segments, output_times: Array) -> IVP:
         """Return the problem that starts with the stored state number `k`."""
         n, own = grid.steps, started(stored.part(k))
         ends = load, grid.borders[0], grid.borders[-1], n, np.array([0, n])
         return IVP(
-            body, own.pop("quaternion"), own.pop("velocity"), *ends, output_times=output_times, stretches=grid, **own
+            body, own.pop("quaternion"), own.pop("velocity"), *ends, output_times=output_times, segments=grid, **own
         )
 
     if len(rest) and wanted[-1] < t[-1]:
-        one = replace(problem(0, stretched(t, np.ones(len(t) - 1)), wanted[rest]), stored=np.arange(len(t)))
+        one = replace(problem(0, segmented(t, np.ones(len(t) - 1)), wanted[rest]), stored=np.arange(len(t)))
         if (inner := completion.between(scheme, one, stored)) is not None:
             _put(found, rest, inner)
             rest = rest[:0]
@@ -331,9 +331,9 @@ def _between(
     pace, until = with_spin_kinks(load, body), np.append(t, t_end)
     for k, here in groups:
         output_times = wanted[here]
-        grid = stretched((t[k], output_times[-1]), (1,)) if scheme.any_times else _grid(part, pace, t[k], until[k + 1])
+        grid = segmented((t[k], output_times[-1]), (1,)) if scheme.any_times else _grid(part, pace, t[k], until[k + 1])
         one = replace(problem(k, grid, output_times), off_grid=scheme.any_times)
-        outcome = completion.march(scheme, one)
+        outcome = completion.checked_march(scheme, one)
         if (failure := outcome.failure()) is not None:
             message = failure_message(one, failure)
             status, h = int(failure.status), grid.longest
@@ -349,15 +349,15 @@ def _put(found: States, at: Any, states: States) -> None:
             target[at] = source
 
 
-def _grid(part: dict[str, Any], load: Load, a: float, b: float) -> Stretches:
+def _grid(part: dict[str, Any], load: Load, a: float, b: float) -> Segments:
     """Return the grid of the run between two stored times; all kinks of the load are nodes of it."""
-    known, h = stretches_from(part.get("stretches")), float(part.get("step") or b - a)
+    known, h = segments_from(part.get("segments")), float(part.get("step") or b - a)
     if known is not None:
         load = load + body_moment(known.borders, np.zeros((len(known.borders), 3)))
     borders = np.concatenate([[a], kinks(load, a, b), [b]])
     if known is not None:
         h = np.array(known.sizes)[np.searchsorted(known.borders[1:-1], (borders[1:] + borders[:-1]) / 2)]
-    return stretched(borders, np.maximum(1, np.ceil(np.diff(borders) / h * (1 - FIT))))
+    return segmented(borders, np.maximum(1, np.ceil(np.diff(borders) / h * (1 - FIT))))
 
 
 def _integrator(known: dict[str, Any]) -> Integrator:

@@ -23,14 +23,14 @@ from ..integrators.compiled import Compiled
 from ..integrators.continuous import MOST, Continuous, least_steps
 from ..integrators.costs import Cost, seconds_of_call
 from ..integrators.integrator import Outcome
-from ..integrators.ivp import Intervals, Stretches, stretched
+from ..integrators.ivp import Intervals, Segments, segmented
 from ..loads import Load
 from . import completion, notices
 from .contacts import refusal
 from .events import Ended, Event, march_to_events
 from .first_steps import First, apart_shown, damped_steps, finer, first_run
 from .grid import MOST as MOST_STATES
-from .grid import TURN, even_step, load_messages, require_resolution, rest_of, stored_count, stretches_of
+from .grid import TURN, even_step, load_messages, require_resolution, rest_of_grid, segments_of, stored_count
 from .notices import progress_bar
 from .planning import Plan, resolve_integrator
 from .starts import AT_REST, Starts
@@ -43,7 +43,7 @@ CACHED_NODES = 2**13  # at most, of a plan whose preparation is cached
 class PreparedPlan:
     """A plan with its grid laid out and its load sampled, ready for starts."""
 
-    def __init__(self, plan: Plan, grid: Stretches) -> None:
+    def __init__(self, plan: Plan, grid: Segments) -> None:
         problem = plan.problem(AT_REST, grid, intervals=True)
         self._march, self._terms, body = plan.scheme.prepared(problem), plan.load.description, plan.systems[0]
         # Damping and linear potentials are scaled when they are laid out: another factor needs another preparation.
@@ -56,14 +56,14 @@ class PreparedPlan:
         self._known = {
             "system": body,
             "integrator": plan.scheme,
-            "stretches": None if problem.off_grid else problem.grid,
+            "segments": None if problem.off_grid else problem.grid,
             "load": self._terms,
             "time": problem.stored_times,
             "potentials": self._held,
         }
 
     @staticmethod
-    def accepts(plan: Plan, grid: Stretches, most: int | None = None) -> bool:
+    def accepts(plan: Plan, grid: Segments, most: int | None = None) -> bool:
         """Whether a plan can be prepared, and has nodes of one part; where `most` is given, no more to keep."""
         nodes, is_plain = grid.steps * plan.scheme.nodes, plan.scheme.can_prepare(plan.load)
         if not is_plain or nodes > stack_march.NODES or plan.load.wheels or plan.systems.spin is not None:
@@ -91,7 +91,7 @@ class PreparedPlan:
         return run
 
 
-def whole_of(plan: Plan, grid: Stretches) -> IVP:
+def whole_of(plan: Plan, grid: Segments) -> IVP:
     """Return the problem of a plan at rest, the first and the last state stored."""
     return plan.problem(AT_REST, grid, np.array([0, grid.steps]))
 
@@ -102,13 +102,13 @@ def held_by(load: Load) -> Load | None:
 
 
 @lru_cache(maxsize=16)
-def _cached(plan: Plan, grid: Stretches) -> PreparedPlan:
+def _cached(plan: Plan, grid: Segments) -> PreparedPlan:
     require_resolution(plan.t_start, plan.t_end, grid)
     return PreparedPlan(plan, grid)
 
 
 def known(
-    plan: Plan, begin: Starts, grid: Stretches, progress: bool = False, events: tuple[Event, ...] = ()
+    plan: Plan, begin: Starts, grid: Segments, progress: bool = False, events: tuple[Event, ...] = ()
 ) -> PreparedPlan | None:
     """Return the prepared plan of a run that is so plain and small that it is kept; None for others."""
     is_plain = all(x is None for x in (begin.memory, begin.normal, begin.grid, plan.output_times))
@@ -122,7 +122,7 @@ def with_warning(plan: Plan, run: Trajectory, prepared: PreparedPlan | None = No
 
     Of speeds up to `known`, rad/s, only the run itself tells.
     """
-    grid = run.stretches
+    grid = run.segments
     if grid is None:
         return run
     quiet = (
@@ -145,7 +145,7 @@ def with_warning(plan: Plan, run: Trajectory, prepared: PreparedPlan | None = No
 def integrated(
     plan: Plan,
     begin: Starts,
-    grid: Stretches,
+    grid: Segments,
     progress: bool = False,
     events: tuple[Event, ...] = (),
     prepared: PreparedPlan | None = None,
@@ -162,7 +162,7 @@ def integrated(
             return run
     with progress_bar(grid.steps) if progress else nullcontext() as report:
         problem = plan.problem(begin, grid, intervals=plan.means, progress=report, marched=marched)
-        outcome = completion.march(plan.scheme, problem)
+        outcome = completion.checked_march(plan.scheme, problem)
     if outcome.failures[0, 0] == Status.TOO_MANY and (steps := damped_steps(plan, begin)):
         outcome.reasons[0] = f"{outcome.reasons[0]}; use {steps}"
     return trajectory(plan.scheme, problem, outcome)
@@ -184,7 +184,7 @@ def trajectory(scheme: Integrator, problem: IVP, outcome: Outcome, ended: Ended 
     run = Trajectory(
         system=problem.system,
         integrator=scheme,
-        stretches=None if problem.off_grid else problem.grid,
+        segments=None if problem.off_grid else problem.grid,
         load=own.load.description,
         time=time,
         states=outcome.states.part(0, slice(good)),
@@ -222,12 +222,12 @@ class Prepared:
         return first_run(self.plan.of_steps, self.begin, self.fastest) if self.plan.is_controlled else None
 
     @cached_property
-    def grid(self) -> Stretches:
+    def grid(self) -> Segments:
         """The time grid; an estimate where none is given, a ValueError where there are too many steps."""
         plan, begin = self.plan, self.begin
         if self.first is not None:
             return finer(self.first.grid)
-        rest = None if plan.grid else rest_of(begin.grid, plan.grid_load, plan.t_start, plan.t_end)
+        rest = None if plan.grid else rest_of_grid(begin.grid, plan.grid_load, plan.t_start, plan.t_end)
         return plan.grid or rest or plan.automatic(begin)
 
     @property
@@ -293,17 +293,17 @@ class Prepared:
         return Prepared(self.plan._replace(output_times=None, shows="steps"), self.begin)
 
     def refined(self, run: Trajectory, n: int) -> Prepared:
-        """Return the same with n times as many steps as one of its runs in each stretch, and the same times stored."""
-        grid, store = run.stretches, self.plan.store
+        """Return the same with n times as many steps as one of its runs in each segment, and the same times stored."""
+        grid, store = run.segments, self.plan.store
         assert grid is not None
         own = (self.plan.t_start, *grid.borders[1:]), (0, *grid.numbers[1:])  # not those of a run that it continues
-        finer = stretched(own[0], n * np.diff(own[1]))
+        finer = segmented(own[0], n * np.diff(own[1]))
         kept = store if isinstance(store, str) else n * store
         return Prepared(self.plan._replace(scheme=run.integrator, grid=finer, store=kept), self.begin)
 
     def even_step(self, run: Trajectory) -> float | None:
         """Return the `time.step` of runs as accurate as this one of it, None where none has the kinks."""
-        plan, grid = self.plan, run.stretches
+        plan, grid = self.plan, run.segments
         assert grid is not None
         if len(grid.sizes) == 1:
             return grid.longest
@@ -331,14 +331,14 @@ class Prepared:
             steps, march = error.partial, None  # as far as it comes
         if is_whole:
             return steps
-        assert steps.stretches is not None
+        assert steps.segments is not None
         own = plan._replace(scheme=steps.integrator)
         if self.first is not None and plan.is_between and plan.output_times is None:
             sizes = np.sqrt(np.square(steps.material_angular_velocity).sum(axis=1))
             longest = apart_shown(plan, self.first.pace.measured(steps.time, sizes), self.first.swing)
-            shown = stretches_of(plan.grid_load, plan.t_start, plan.t_end, longest)
+            shown = segments_of(plan.grid_load, plan.t_start, plan.t_end, longest)
             own = own._replace(output_times=plan.problem(begin, shown).stored_times)
-        run = integrated(own, begin, steps.stretches, events=events, marched=march)
+        run = integrated(own, begin, steps.segments, events=events, marched=march)
         vars(run).update(tolerance=steps.tolerance, error_estimate=steps.error_estimate, warning=steps.warning)
         return run
 

@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..analysis.datasets import as_dataset, recorded
-from ..analysis.trajectory import Trajectory, stretches_from
+from ..analysis.trajectory import Trajectory, segments_from
 from ..errors import SENTENCES, InputError, InputWarning, warn
 from ..geometry.arrays import LARGEST, Array, as_array, as_floats, as_number, in_order, vector
 from ..geometry.attitudes import attitudes, states_of
 from ..geometry.values import short_repr
-from ..integrators.ivp import Stretches
+from ..integrators.ivp import Segments
 from ..loads import Load
 from ..loads.kinds import load_in_words
 from ..loads.memory_terms import Column, recorded_wheels
@@ -123,7 +123,7 @@ class BodyState:
         return f"<{type(self).__name__}: t = {self._time:.12g} s, quaternion {p}, W {W} rad/s>"
 
 
-def axes_of(load: Load) -> tuple[tuple[float, ...], ...]:
+def wheel_axes_of(load: Load) -> tuple[tuple[float, ...], ...]:
     """Return inertia and axis of each wheel."""
     return tuple((one.inertia, *one.direction.tolist()) for one in load.wheels)
 
@@ -176,7 +176,7 @@ class Starts(NamedTuple):
     normal: Array | None = None  # (m, 6) N
     load_scale: Array = np.ones(1)  # (1,) or (m,)
     time: float | None = None
-    grid: Stretches | None = None  # counted from there
+    grid: Segments | None = None  # counted from there
     memory: Array | None = None  # (m, ...)
     internal: Array | None = None  # (m, k) internal states of loads with memory
     wheels: tuple[Column, ...] = ()  # whose states are among them
@@ -376,7 +376,7 @@ def _projected(begin: Starts, systems: SystemStack, axis: Array | None, project:
             return begin
         return begin._replace(removed=(begin.velocity * systems.axis).sum(axis=1))
     W, is_one = begin.velocity, len(begin.velocity) == len(axis) == 1
-    velocity, spin, fine = without_spin(*((W[0].tolist(), axis[0].tolist()) if is_one else (W.T, axis.T)))
+    velocity, spin, fine = separate_spin(*((W[0].tolist(), axis[0].tolist()) if is_one else (W.T, axis.T)))
     time = begin.time or 0.0 if t_start is None else as_number(t_start, "t_start")
     if not project and not np.all(fine):
         along, prescribed = np.atleast_1d(spin), systems.spin_at(time)
@@ -397,7 +397,7 @@ def _projected(begin: Starts, systems: SystemStack, axis: Array | None, project:
     return begin._replace(velocity=across, removed=np.atleast_1d(spin))
 
 
-def without_spin(W: Any, axis: Any) -> tuple[tuple[Any, Any, Any], Any, Any]:
+def separate_spin(W: Any, axis: Any) -> tuple[tuple[Any, Any, Any], Any, Any]:
     """Return W without its component along the unit axis, that component, and whether it is round-off.
 
     The three components are numbers, or arrays. Where only round-off is left of W, nothing is.
@@ -424,29 +424,31 @@ def last_state(start: Any) -> Starts | None:
         own = start.states.part(slice(-1, None))
         time, internal = float(start.time[-1]), own.internal
         memory = None if start.memory is None else start.memory[None]
-        return Starts(*own[:3], np.ones(1), time, grid_of(start), memory, internal)
+        return Starts(*own[:3], np.ones(1), time, remaining_grid_of(start), memory, internal)
     q, v, time = (np.array(getattr(start, name))[-1] for name in NEEDED)
     as_rotation(q.T)
     p, W, N = states_of(q, as_array(v, "director_velocities", (3, 3)))
     if "quaternion" in start and start["quaternion"].values[-1] @ p < 0:
         p = -p
     internal = start["internal_state"].values[-1:] if "internal_state" in start else None
-    return Starts(p[None], W[None], N[None], np.ones(1), float(time), grid_of(start), _memory(start), internal)
+    return Starts(
+        p[None], W[None], N[None], np.ones(1), float(time), remaining_grid_of(start), _memory(start), internal
+    )
 
 
-def grid_of(start: Any) -> Stretches | None:
+def remaining_grid_of(start: Any) -> Segments | None:
     """Return the time grid of a run, counted from where it ends, with what it has left; None where it has none."""
     step, origin = getattr(start, "step", None), getattr(start, "origin", None)
     if step is None:
         return None
     h, first, last = as_number(step, "the step of start="), float(start.time[0]), float(start.time[-1])
-    if (known := stretches_from(getattr(start, "stretches", None))) is not None and len(known.sizes) > 1:
+    if (known := segments_from(getattr(start, "segments", None))) is not None and len(known.sizes) > 1:
         j = max(int(np.searchsorted(known.borders, last)) - 1, 0)
         return known.after(known.numbers[j] + round((last - known.borders[j]) / known.sizes[j]))
     begin = first if origin is None else as_number(origin, "the origin of start=")
     if not h > 0 or is_too_short(last - begin, h):
         return None
-    return Stretches((begin, last), (-round((last - begin) / h), 0), (h,))
+    return Segments((begin, last), (-round((last - begin) / h), 0), (h,))
 
 
 def _memory(start: Any) -> Array | None:
@@ -466,7 +468,7 @@ def require_states(start: Any) -> None:
         raise ValueError("start= has no states: there is nothing to continue from")
 
 
-def _bodies(start: Any) -> SystemStack | None:
+def _systems_of(start: Any) -> SystemStack | None:
     """Return what a run is of, as far as it states that."""
     if "euler_inertia" in getattr(start, "data_vars", {}):
         axes = start.constrained_axis.values if "constrained_axis" in start else None
@@ -482,7 +484,7 @@ def _new_axis(start: Any, systems: SystemStack) -> Array | None:
 
     A body of another inertia is warned of.
     """
-    if (found := _bodies(start)) is None:
+    if (found := _systems_of(start)) is None:
         return systems.axis
     gap, size, axis = abs(found.inertia - systems.inertia).max(axis=(1, 2)), abs(systems.inertia), systems.axis
     if (gap > SAME * size.max(axis=(1, 2))).any():
@@ -549,4 +551,4 @@ def _of_run(start: Any) -> Starts:
     elif "energy-momentum" in start.attrs.get("integrator", ""):
         raise ValueError("start= lacks director_velocities, which energy-momentum carries on")
     internal = last["internal_state"].values if "internal_state" in start else None
-    return Starts(p, W, N, time=float(last.time), grid=grid_of(start), internal=internal)
+    return Starts(p, W, N, time=float(last.time), grid=remaining_grid_of(start), internal=internal)

@@ -5,7 +5,7 @@ states of loads with memory relative to their scale: the largest of these, at it
 tolerance bounds it.
 
 1. The first steps follow from a local estimate (`first_steps`), on which nothing else relies.
-2. N steps are run, and at least 3/2 N: a stretch between two kinks has an even number of steps, and then half as many
+2. N steps are run, and at least 3/2 N: a segment between two kinks has an even number of steps, and then half as many
    more, or one step, and then two. The finer run is returned; its largest distance d from the coarse one, at the stored
    nodes that they share, is the estimate of its error. That is nearly the error of the coarse run; the finer one is
    about 1.5^p times better, which is not relied on.
@@ -38,11 +38,11 @@ from ..geometry.values import number_text
 from ..integrators import IVP, Integrator, Status
 from ..integrators.costs import gyration_rate
 from ..integrators.integrator import Outcome
-from ..integrators.ivp import Stretches, stretched
+from ..integrators.ivp import Segments, segmented
 from ..loads import Load
 from . import completion
-from .first_steps import MANY, STEADY, TENTH, First, finer, first_run, first_step, grid_of, order_of
-from .grid import Pieces, stored_steps
+from .first_steps import MANY, STEADY, TENTH, First, coarse_grid, finer, first_run, first_step, order_of
+from .grid import Piecewise, stored_steps
 from .notices import SMOOTH
 from .planning import Plan
 from .starts import Starts
@@ -66,7 +66,7 @@ class Trial(NamedTuple):
     """Runs on one grid."""
 
     scheme: Integrator
-    grid: Stretches
+    grid: Segments
     problem: IVP
     outcome: Outcome
 
@@ -88,7 +88,7 @@ class Trial(NamedTuple):
         """Whether members have reached the end, (m,)."""
         return self.outcome.failures[:, 0] == Status.OK
 
-    def measured(self, pace: Pieces) -> Pieces:
+    def measured(self, pace: Piecewise) -> Piecewise:
         """Return the largest |W| at the stored states of members that have reached the end, in pieces of time."""
         speeds = np.sqrt(np.square(self.outcome.states.velocity[self.done]).sum(axis=2))
         return pace.measured(self.problem.stored_times, speeds.max(axis=0, initial=0.0))
@@ -112,10 +112,10 @@ def controlled(
         The tolerance is below what round-off allows, or is not reached; as `nontwist.simulate`.
     """
 
-    def run(scheme: Integrator, grid: Stretches, stored: NDArray[np.int64] | None, start: Starts = begin) -> Trial:
+    def run(scheme: Integrator, grid: Segments, stored: NDArray[np.int64] | None, start: Starts = begin) -> Trial:
         more = options if stored is None else {}
         task = plan._replace(scheme=scheme).problem(start, grid, stored, on_gpu=on_gpu, **more)
-        return Trial(scheme, grid, task, completion.march(scheme, task, threads))
+        return Trial(scheme, grid, task, completion.checked_march(scheme, task, threads))
 
     goal, floor, (scheme, pace, h, grid, swing) = plan.goal, None, first or first_run(plan, begin)
     linear = plan.linearised(begin)
@@ -140,7 +140,7 @@ def controlled(
             scheme, better = first_step(linear, begin, pace, swing)
             if scheme != coarse.scheme or (abs(np.log(better.values / h.values)) >= log(OVERRATED)).any():
                 h, coarse = better, None
-                grid = grid_of(linear, begin, scheme, h)
+                grid = coarse_grid(linear, begin, scheme, h)
                 continue
         fine = coarse if coarse.is_coarse or coarse.is_over else run(scheme, finer(coarse.grid), None)
         if fine.is_over:
@@ -179,12 +179,12 @@ def controlled(
     return fine, goal, d
 
 
-def _scaled(grid: Stretches, factor: float) -> Stretches:
-    """Return a grid with about so many times as many steps in each stretch, an even number."""
-    return stretched(grid.borders, 2 * np.ceil(np.diff(grid.numbers) * factor / 2))
+def _scaled(grid: Segments, factor: float) -> Segments:
+    """Return a grid with about so many times as many steps in each segment, an even number."""
+    return segmented(grid.borders, 2 * np.ceil(np.diff(grid.numbers) * factor / 2))
 
 
-def _partners(grid: Stretches, fine: Stretches, numbers: NDArray[np.int64]) -> tuple[Any, Any]:
+def _partners(grid: Segments, fine: Segments, numbers: NDArray[np.int64]) -> tuple[Any, Any]:
     """Return which nodes of `fine`, the finer grid, with these numbers are nodes of `grid`, and their numbers there."""
     first, ends = np.array(grid.numbers), np.array(fine.numbers)
     j = np.searchsorted(ends[1:-1], numbers, side="right")
@@ -196,7 +196,7 @@ def _partners(grid: Stretches, fine: Stretches, numbers: NDArray[np.int64]) -> t
 
 
 @lru_cache(maxsize=64)
-def _samples(grid: Stretches, store: int | Literal["end"]) -> NDArray[np.int64]:
+def _samples(grid: Segments, store: int | Literal["end"]) -> NDArray[np.int64]:
     """Return the nodes of a coarse run that its finer run stores as well, and some for the size of W."""
     fine = finer(grid)
     shared = _partners(grid, fine, stored_steps(fine.steps, store))[1]

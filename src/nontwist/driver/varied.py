@@ -27,7 +27,7 @@ import numpy as np
 from ..geometry.arrays import Array, as_array
 from ..geometry.attitudes import ENTRIES, attitudes
 from ..geometry.rotations import hat
-from ..integrators.ivp import stretched
+from ..integrators.ivp import segmented
 from ..loads import Load
 from ..loads.load_derivatives import with_parameter
 from ..models.spin import Spin
@@ -179,7 +179,7 @@ class Varied:
                 if value <= 0:
                     raise ValueError(f"duration must be positive, got {value:g} s")
                 end = plan.t_start + float(value)
-                plan = plan._replace(t_end=end, grid=stretched((plan.t_start, end), (self._steps,)))
+                plan = plan._replace(t_end=end, grid=segmented((plan.t_start, end), (self._steps,)))
         if terms != self.terms:
             plan = plan._replace(load=Load(tuple(terms)))
         if system is not self.system:

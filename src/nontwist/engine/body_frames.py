@@ -33,7 +33,7 @@ def body_rows(systems: SystemStack, load: Load, time_unit: float, scale: Array =
 
     `principal`: the scheme takes constrained axes for principal ones, and wants principal moments in ascending order.
     """
-    fixed, basis, M = (_fixed_of_one if len(systems) == 1 else _fixed)(systems, principal)
+    fixed, basis, M = (_fixed_of_one if len(systems) == 1 else _fixed_rows)(systems, principal)
     rows, force = fixed.copy(), time_unit * time_unit / M
     rows[:, BODY.dead : BODY.damping] *= force[:, None]
     rows[:, BODY.unit] = 1 / force
@@ -46,7 +46,7 @@ def body_rows(systems: SystemStack, load: Load, time_unit: float, scale: Array =
     return rows
 
 
-def _fixed(systems: SystemStack, principal: bool) -> tuple[Array, Array, Array]:
+def _fixed_rows(systems: SystemStack, principal: bool) -> tuple[Array, Array, Array]:
     """Return rows whatever loads act and however long steps are, dead forces as they are; the frames, and M."""
     basis, E, M = frames(systems)
     m, free = len(systems), systems.axis is None
@@ -72,7 +72,7 @@ def _fixed(systems: SystemStack, principal: bool) -> tuple[Array, Array, Array]:
     return row, basis, M
 
 
-_fixed_of_one = lru_cache(maxsize=64)(_fixed)
+_fixed_of_one = lru_cache(maxsize=64)(_fixed_rows)
 
 
 def hinged_of(systems: SystemStack) -> HingedSystem | None:
@@ -85,16 +85,16 @@ def frames(systems: SystemStack) -> tuple[Array, Array, Array]:
     M = power_of_two(np.trace(systems.euler_inertia, axis1=1, axis2=2))
     E = systems.euler_inertia / M[:, None, None]
     if systems.axis is None:
-        basis = axes_of(E)
+        basis = principal_frames(E)
     elif (hinged := hinged_of(systems)) is not None:
         basis = hinged.frame[None]
     else:
         basis = bases_of(systems.axis)
-        basis[:, :, :2] = basis[:, :, :2] @ axes_of((basis.swapaxes(1, 2) @ E @ basis)[:, :2, :2])
+        basis[:, :, :2] = basis[:, :, :2] @ principal_frames((basis.swapaxes(1, 2) @ E @ basis)[:, :2, :2])
     return basis, basis.swapaxes(1, 2) @ E @ basis, M
 
 
-def axes_of(A: Array) -> Array:
+def principal_frames(A: Array) -> Array:
     """Return the eigenvectors of symmetric matrices as columns of rotations; those of diagonal ones are left alone."""
     n = A.shape[1]
     vectors: Array = np.broadcast_to(np.eye(n), A.shape).copy()

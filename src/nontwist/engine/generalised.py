@@ -50,7 +50,7 @@ QUADRATIC, SPRING, FUNCTION, ORBITING, OF_FORCES, OF_MOMENT = range(6)  # potent
 NAN, OVERFLOW, SHORT = float("nan"), 1e300, 1e-11  # of V; of |Δγ|² over |γ|²
 
 
-class Term(NamedTuple):
+class TracedTerm(NamedTuple):
     """A potential, or a function of the state."""
 
     kind: int
@@ -77,7 +77,7 @@ class Sloped(NamedTuple):
     slopes: Doubles  # (6, directions) where the derivatives of the moments of the load and of potentials go
 
 
-TERM = offsets_of(Term)
+TERM = offsets_of(TracedTerm)
 SCRATCH = fields(StateCall)["scratch"].offset
 W = fields(StateCall)["w"].offset
 OF_TABLE = fields(StateCall)["half"].offset + 3  # places of seeds
@@ -87,7 +87,7 @@ GIVEN = W + 4  # numbers that a function of the state gets
 AT, ENDS = 16, 32  # within the scratch: what V is called with, and what it gives at both ends
 
 
-class State:
+class TermState:
     """A state at which terms are evaluated, on plain numbers."""
 
     def __init__(self, memory: Any) -> None:
@@ -131,7 +131,7 @@ class DualMemory:
     __getitem__ = load
 
 
-class DualState(State):
+class DualState(TermState):
     """A state on dual numbers, in some of the directions of the seeds, from `first` on."""
 
     def __init__(self, own: View, memory: Any, first: Any) -> None:
@@ -175,11 +175,11 @@ class DualState(State):
             found[i] = Dual(row[0], [v.x])
 
 
-class Potential(NamedTuple):
+class PotentialAtState(NamedTuple):
     """A potential at a state."""
 
     term: View
-    state: State
+    state: TermState
 
     def given(self, n: Any) -> Vector:
         """Return the vector number n as it was given."""
@@ -258,7 +258,7 @@ def without_turn(d: Matrix, m: Vector) -> Vector:
     return inverse_of(*columns) @ m
 
 
-def moments_at(state: State) -> tuple[Vector, Vector]:
+def moments_at(state: TermState) -> tuple[Vector, Vector]:
     """Return the moments of the load and of potentials at a state as the action has them; set σ."""
     d, view = state.d, state.view
     zero, action = d - d, view.action
@@ -270,13 +270,13 @@ def moments_at(state: State) -> tuple[Vector, Vector]:
     count = memory_at(view.terms, True)[0]
     for k in loop(count):
         row = doubles(view.terms + 8 * (1 + TERM.size * k))
-        term = View(Term, state.seeded(row, OF_TERMS + TERM.size * k))
+        term = View(TracedTerm, state.seeded(row, OF_TERMS + TERM.size * k))
         for _ in when(term.kind == OF_FORCES):
             found = state.of_state(term, 9)
             v.F = v.F + term.scale * Matrix(*(vector_at(found, 3 * i) for i in range(3)))
         for _ in when(term.kind == OF_MOMENT):
             v.free = v.free + term.scale * vector_at(state.of_state(term, 3))
-        potential = Potential(term, state)
+        potential = PotentialAtState(term, state)
         for n in loop(term.dimension):
             a = potential.space_vector(n)
             g = term.scale * potential.gradient(n, d @ a)
@@ -299,7 +299,7 @@ def moments_at(state: State) -> tuple[Vector, Vector]:
 def generalised(address: Any) -> None:
     """Set moments of the load and of potentials, and σ, from the directors, time, and half turn in the block."""
     x = View(StateCall, doubles(address))
-    x.load, x.of_potentials = moments_at(State(doubles(address)))
+    x.load, x.of_potentials = moments_at(TermState(doubles(address)))
 
 
 @kernel("i8")

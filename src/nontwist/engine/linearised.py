@@ -44,11 +44,11 @@ from ..kernels.dual import plain, tangent
 from ..kernels.elements import any_of, fma, logical_not, select, smaller, sqrt
 from ..kernels.kernel import Kernel, kernel
 from ..kernels.machine_code import width
-from ..kernels.memory import View, call, doubles, load, put, store, vector_at
+from ..kernels.memory import View, call, doubles, load_lanes, put, store_lanes, vector_at
 from ..kernels.vectors import Matrix, Quaternion, Symmetric, Vector, attitude, cross
 from .known_steps import LANES, Directions, FunctionCalls, Known, KnownStep, Steps, Wanted, column_offsets, tilted
 from .marching import UNIT, Text
-from .newton import Solved
+from .newton import SolvedEquations
 from .records import FORCES, Body, Parts, State
 from .sampling import mean
 from .workspace import entered, turned_into
@@ -70,14 +70,14 @@ def multiply(
 ) -> None:
     """Replace X, so many rows of `count` numbers, by M X; `add` adds to `y.y`, the numbers k of a row."""
     for k in loop(0, count, width()):
-        x = [load(c.state, j * count + k) for j in range(rows)]
+        x = [load_lanes(c.state, j * count + k) for j in range(rows)]
         for i in loop(rows):
             row = M.shifted(i * c.width * LANES)
             y = Variables(y=row[0] * x[0])
             for j in range(1, rows):
                 y.y = fma(row[j * LANES], x[j], y.y)
             add(row, k, y)
-            store(c.state, i * count + k, y.y)
+            store_lanes(c.state, i * count + k, y.y)
 
 
 @lru_cache
@@ -92,7 +92,7 @@ def chain_forward(rows: int) -> Kernel:
         def add(row: Any, k: Any, y: Variables) -> None:
             """Add what the fixed entries do."""
             for j in loop(c.inputs):
-                y.y = fma(row[c.used[j] * LANES], load(c.changes, j * c.padded + k), y.y)
+                y.y = fma(row[c.used[j] * LANES], load_lanes(c.changes, j * c.padded + k), y.y)
 
         for n, M in each_step(b):
             multiply(c, M, rows, c.padded, add)
@@ -102,7 +102,7 @@ def chain_forward(rows: int) -> Kernel:
                     to[i * c.padded] = fma(value, column[i * c.width * LANES], to[i * c.padded])
             for _ in when(c.is_stored[n] != 0):
                 for k in loop(0, 6 * c.padded, lanes):
-                    store(c.states, v.done * 6 * c.padded + k, load(x, k))
+                    store_lanes(c.states, v.done * 6 * c.padded + k, load_lanes(x, k))
                 v.done = v.done + 1
 
     return Kernel(text, "i8", 0)
@@ -240,7 +240,7 @@ def step_derivatives(
     text: Text, body: Body, at: View, scale: Any, directions: Directions, calls: FunctionCalls
 ) -> tuple[list[Any], Any]:
     """Take the step, and return the changes at its end as duals, and the mask of steps that are not solved."""
-    calls, parts = calls._replace(solved=Solved()), calls.parts
+    calls, parts = calls._replace(solved=SolvedEquations()), calls.parts
     W, N = at.W @ body.basis, turned_into(body.basis.T, at.N) if parts.is_director_scheme else ()
     if parts.calls and text.is_midpoint:
         call_at_middle(calls, at)
@@ -311,7 +311,7 @@ def forward_run(text: Text, parts: Parts, wanted: Wanted, inputs: tuple[int, ...
             x.h = b.sizes[i]
             read_loads(parts, b, x, i)
             add_own(b, i, True)
-            now, at, calls = v.state, x.read(), FunctionCalls(parts, b, dict(wanted), Solved())
+            now, at, calls = v.state, x.read(), FunctionCalls(parts, b, dict(wanted), SolvedEquations())
             R, W = attitude(now.p), parts.velocity(body, now.s)
             N = Symmetric(*now.auxiliary[:6]) if parts.is_director_scheme else ()
             found = text.step(Known(calls, body, at, scale, none, R), now, at.h == at.h)

@@ -43,11 +43,11 @@ from .workspace import (
     NAN,
     NOW,
     OK,
+    add_to_integrals,
     advance_internal,
     begin_observing,
     extend,
     gather,
-    integrate,
     internal,
     note_failure,
     observe,
@@ -284,7 +284,7 @@ def march_lanes(text: Text, parts: Parts, b: View, x: View, memory: Any, first: 
             if parts.observes:
                 see(v.state)
                 if not text.integrates:
-                    integrate(x, 0.5 * h)
+                    add_to_integrals(x, 0.5 * h)
                 extend(x, h)
             for _ in when(number + 1 == stored[v.done + 1]):
                 store(v.state)
@@ -319,7 +319,7 @@ def coast(text: Text, nodes: Nodes, v: Variables, see: Callable[[State], None], 
             for number in loop(v.at - begin, until - begin):
                 for node, weight in GAUSS_4:
                     see(state_after(h * (number + node))[0])
-                    integrate(x, h * weight)
+                    add_to_integrals(x, h * weight)
                 see(state_after(h * (number + 1))[0])
                 x.set_number(NOW + NODAL, -mu)
                 extend(x, h)
@@ -341,6 +341,6 @@ def take_in(text: Text, parts: Parts, x: View, h: Any, part: Any, found: Step) -
     if parts.observes:
         x.set_number(NOW + NODAL, x.number(NOW + NODAL) - found.mu)
         if not text.integrates:
-            integrate(x, 0.5 * h)
+            add_to_integrals(x, 0.5 * h)
         if found.work is not None:
             x.observed.work = x.observed.work + found.work

@@ -40,7 +40,7 @@ class Solution(NamedTuple):
     stalled: Any
 
 
-def solve(
+def newton_solve(
     nodes: Any,
     equations_at: Callable[[Vector, Any], Callable[[Vector], Vector]],
     sizes: Callable[[Vector, Vector], tuple[Any, Any, Any]],
@@ -67,7 +67,7 @@ def solve(
     explicit : Vector, optional
         The solution, where it is known.
     """
-    known: Solved | None = nodes.solved
+    known: SolvedEquations | None = nodes.solved
     if known is not None and known.is_complete:
         return known.derivatives(equations_at, guess)
     is_constrained, is_long = nodes.parts.is_constrained, nodes.parts.calls or nodes.parts.dissipates
@@ -107,7 +107,7 @@ def solve(
     return found
 
 
-class Solved:
+class SolvedEquations:
     """The solutions of the equations of a step, which is then repeated on dual numbers: derivatives by theirs."""
 
     def __init__(self) -> None:

@@ -43,7 +43,7 @@ def side_by_side(**shapes: tuple[int, ...]) -> tuple[dict[str, Array], dict[str,
     return views(memory, parts), found
 
 
-def apart(**shapes: tuple[int, ...]) -> tuple[dict[str, Array], dict[str, int]]:
+def separate_arrays(**shapes: tuple[int, ...]) -> tuple[dict[str, Array], dict[str, int]]:
     """Return arrays of zeros, so that each is freed where it is no longer used, and their addresses."""
     arrays = {name: np.zeros(shape) for name, shape in shapes.items()}
     return arrays, {name: address_of(array) if array.size else 0 for name, array in arrays.items()}
@@ -156,7 +156,7 @@ class Observed(NamedTuple):
     work: float
 
 
-class Failure(NamedTuple):
+class MemberFailure(NamedTuple):
     """Why a member cannot go on, 0: it can; at which step; what is left of its equations; how far it turns."""
 
     status: float
@@ -209,7 +209,7 @@ class Work(NamedTuple):
     now: Quantities
     velocity: Vector
     scale: float
-    failure: Failure
+    failure: MemberFailure
     found: Found
     state_call: StateCall
     spare: float  # so that what lies behind it begins with a line of the cache
@@ -278,7 +278,7 @@ class Block(NamedTuple):
 
 # Where their fields lie, for what is packed in Python.
 BODY, STATE, SUMS, OBSERVED, FAILURE, WORK, BLOCK, CALLED = map(
-    offsets_of, (Body, State, Sums, Observed, Failure, Work, Block, Called)
+    offsets_of, (Body, State, Sums, Observed, MemberFailure, Work, Block, Called)
 )
 
 

@@ -41,7 +41,7 @@ from ..kernels.elements import larger, mapped, real, select, smaller, without
 from ..kernels.kernel import Kernel, kernel, part
 from ..kernels.memory import View, call, doubles, fields, put, size_of, vector_at
 from ..kernels.vectors import Matrix, Quaternion, Symmetric, Vector, attitude, compensated, first_moment
-from .records import NODAL, QUANTITIES, Block, Body, Failure, Observed, Parts, State, Sums, Work, offsets_of
+from .records import NODAL, QUANTITIES, Block, Body, MemberFailure, Observed, Parts, State, Sums, Work, offsets_of
 
 NAN, ROUND_OFF = float("nan"), 2.0**-48
 OK, TURN, STALLED, BROKEN, LOAD = 0.0, 1.0, 2.0, 3.0, 4.0  # status
@@ -51,7 +51,7 @@ NOW, AUXILIARY = fields(Work)["now"].offset, fields(State)["auxiliary"].offset
 
 def member_fields(parts: Parts, b: View) -> list[tuple[str, Any, Any, Any]]:
     """Return what members carry: a field of the workspace, its record, their array, numbers from row to row."""
-    found = [("state", State, b.states, b.state_size), ("failure", Failure, b.failures, size_of(Failure))]
+    found = [("state", State, b.states, b.state_size), ("failure", MemberFailure, b.failures, size_of(MemberFailure))]
     if parts.reports:
         found.append(("sums", Sums, b.sums, size_of(Sums)))
     if parts.observes:
@@ -164,7 +164,7 @@ def note_failure(
         m = x.found.total
         status = select(without(stalled, abs(m[0]) + abs(m[1]) + abs(m[2]) < 1e300), LOAD, status)
     before = x.failure.read()
-    x.failure.write(select(bad, Failure(status, real(number), residual, turn), before))
+    x.failure.write(select(bad, MemberFailure(status, real(number), residual, turn), before))
 
 
 def entered(body: Any, q: Any, w: Any) -> tuple[Quaternion, Vector]:
@@ -237,7 +237,7 @@ def observe_at(x: View, has_normal: bool, R: Matrix) -> None:
 
 
 @part
-def integrate(x: View, h: Any) -> None:
+def add_to_integrals(x: View, h: Any) -> None:
     """Add h times the quantities at the node to their integrals."""
     for i in loop(NODAL):
         x.set_number(i + INTEGRAL, x.number(i + INTEGRAL) + h * x.number(i + NOW))
@@ -281,7 +281,7 @@ class Call(NamedTuple):
     rotor: int
     spin: int
     output_row: int  # where the state is written, behind which the march is put back to where it was; 0: it marches
-    begins: int  # 1: a stretch begins with it
+    begins: int  # 1: a segment begins with it
 
 
 CALL = offsets_of(Call)
@@ -291,7 +291,7 @@ IN_BLOCK = Call._fields[: Call._fields.index("output_row")]
 def begin_call(b: View, number: Any, first: Any, last: Any) -> View:
     """Return a call of the list, with the block made ready for it, and for the members `first` to `last` of its order.
 
-    Where a stretch begins nothing is known of the step before: what first guesses are made of is cleared.
+    Where a segment begins nothing is known of the step before: what first guesses are made of is cleared.
     """
     row = View(Call, b.rows.shifted(size_of(Call) * number))
     for name in IN_BLOCK:
@@ -345,7 +345,7 @@ def for_some(parts: Parts, b: View, march: Callable[[Any], None]) -> None:
         for l in loop(last - first):
             if parts.reports:
                 take_sums(b, x.lane(l), b.order[first + l], is_output, rate)
-            v.are_alive = v.are_alive | (b.failures[size_of(Failure) * b.order[first + l]] == OK)
+            v.are_alive = v.are_alive | (b.failures[size_of(MemberFailure) * b.order[first + l]] == OK)
         for _ in when(is_output):
             write(parts, b, x, row.output_row, first, last)
 
@@ -361,7 +361,7 @@ def take_sums(b: View, lane: View, i: Any, is_output: Any, rate: Any) -> None:
             lane.sums.set_number(k, total * select(k >= WORKED, 1.0, rate))
 
 
-class Prepared(NamedTuple):
+class PreparedCall(NamedTuple):
     """What a prepared march is called with, and what comes back."""
 
     block: int  # address; its quaternions are the first of all results
@@ -375,13 +375,13 @@ class Prepared(NamedTuple):
     fastest: float
 
 
-PREPARED = offsets_of(Prepared)
+PREPARED = offsets_of(PreparedCall)
 
 
 @kernel("i8")
 def run_prepared(address: Any) -> None:
     """March from the start that is given."""
-    own = View(Prepared, doubles(address))
+    own = View(PreparedCall, doubles(address))
     b = View(Block, doubles(own.block))
     results, velocities, numbers = b.quaternions, b.velocities, own.numbers
     for k in loop(numbers):

@@ -67,7 +67,7 @@ from ..kernels.memory import View, matrix_at, put, scratch, vector_at
 from ..kernels.vectors import Matrix, Quaternion, Vector, cross
 from ..models.bodies import D3
 from ..models.system import SYMMETRY, checked_inertia, require_principal
-from .free_constants import BAD_TIME, CONSTANTS, FARTHEST, OK, Constants, principal_axes, to_orthonormal
+from .free_constants import BAD_TIME, CONSTANTS, FARTHEST, OK, Constants, jacobi_axes, to_orthonormal
 from .free_step import FreeMotion, free_motion, free_until, set_origin
 
 SPIN = 1e-9
@@ -89,7 +89,7 @@ def checked_velocity(value: ArrayLike) -> Array:
     return as_array(value, "material_angular_velocity", (3,))
 
 
-def checked_times(times: ArrayLike) -> Array:
+def as_times(times: ArrayLike) -> Array:
     """Return the times (k,), s; a single one as (1,)."""
     return as_array(as_floats(times, "times", 1), "times", (None,))
 
@@ -120,7 +120,7 @@ Displacement = Callable[
 
 def _prepared(J: Matrix, W: Vector, c: View) -> tuple[Matrix, Vector, FreeMotion]:
     """Set the constants; return the principal axes and moments, and the motion."""
-    V, I = principal_axes(J)
+    V, I = jacobi_axes(J)
     motion = free_motion(I, I * (V @ W), c)
     set_origin(motion, c)
     return V, I, motion
@@ -360,7 +360,7 @@ def symmetric_top(
     A, C = float(J[0, 0] + J[1, 1]) / 2, float(J[2, 2])
     if abs(J - np.diag([A, A, C])).max() > SYMMETRY * abs(J).max():
         raise ValueError(f"inertia must be diag(A, A, C), symmetric about the third axis, got {J.tolist()}")
-    W, t, R = checked_velocity(material_angular_velocity), checked_times(times), checked_attitude(rotation)
+    W, t, R = checked_velocity(material_angular_velocity), as_times(times), checked_attitude(rotation)
     s = (A - C) / A * W[2]
     precession, spin = rotations.exp(np.outer(t, J @ W / A)), rotations.exp(np.outer(t * s, D3))
     Lam: Array = R @ precession @ spin
@@ -379,7 +379,7 @@ def _solved(
         J, W = planar(inertia, velocity, physical)
     else:
         J, W = checked_inertia(inertia, physical), checked_velocity(velocity)
-    t, R = checked_times(times), checked_attitude(rotation)
+    t, R = as_times(times), checked_attitude(rotation)
     Lam, velocities = np.empty((len(t), 3, 3)), np.empty((len(t), 3))
     if free_top(J, W, R, t, int(is_constrained), Lam, velocities) != OK:
         raise ValueError(TOO_FAR)

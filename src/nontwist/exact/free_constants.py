@@ -111,7 +111,7 @@ def _nome(k2: Any, k1: Any) -> Any:
     return l * (1.0 + l4 * (2.0 + l4 * (15.0 + l4 * 150.0)))
 
 
-def principal_axes(J: Matrix) -> tuple[Matrix, Vector]:
+def jacobi_axes(J: Matrix) -> tuple[Matrix, Vector]:
     """Return the axes of a symmetric J, as rows, and its principal moments, by Jacobi rotations.
 
     The moments are in ascending order, the axes right-handed.

@@ -77,7 +77,7 @@ from numpy.typing import ArrayLike
 from ..geometry.arrays import Array, as_array, cross
 from ..geometry.attitudes import attitudes
 from ..models.system import checked_inertia
-from .free_bodies import TOO_FAR, Motion, checked_attitude, checked_times, checked_velocity, free_standard
+from .free_bodies import TOO_FAR, Motion, as_times, checked_attitude, checked_velocity, free_standard
 from .free_constants import FARTHEST
 
 DIGITS = 120
@@ -313,7 +313,7 @@ def free_gyrostat(
     c = as_array(rotor_momentum, "rotor_momentum", (3,))
     if not c.any():
         return free_standard(J, W, times, rotation, physical=physical)
-    t, R = checked_times(times), checked_attitude(rotation)
+    t, R = as_times(times), checked_attitude(rotation)
     p, velocity = gyrostat_motion(J, c, W, t)
     Lam: Array = R @ attitudes(p)
     return Lam, velocity
@@ -331,7 +331,7 @@ def gyrostat_motion(J: Array, c: Array, W: Array, times: Array) -> tuple[Array, 
     if not body.pace * abs(times).max(initial=0.0) <= FARTHEST:
         raise ValueError(TOO_FAR)
     if body.lattice is None:
-        return _steady_rotation(W, times)
+        return _states_of_steady_rotation(W, times)
     first, second = _spinor(body.lattice, body.W, times * body.unit)
     product = np.conj(first) * second
     turned = body.length * np.stack([2 * product.real, 2 * product.imag, -2 * abs(second) ** 2], axis=1)
@@ -341,7 +341,7 @@ def gyrostat_motion(J: Array, c: Array, W: Array, times: Array) -> tuple[Array, 
     return p, velocity
 
 
-def _steady_rotation(W: Array, times: Array) -> tuple[Array, Array]:
+def _states_of_steady_rotation(W: Array, times: Array) -> tuple[Array, Array]:
     rate = math.hypot(*W)
     axis = W / rate if rate > 0 else W
     half = 0.5 * rate * times

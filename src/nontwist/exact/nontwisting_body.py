@@ -5,10 +5,10 @@ the attitude is Λ' = Λ Ŵ with W = J_⊥⁻¹ Π_⊥. Where the axis â of W i
 well: Λ = Λ0 exp(θ â), θ = ∫ s. So it is wherever J_⊥⁻¹ M_⊥ and the initial W have one direction (case 2 of the paper),
 and after the end of any load.
 
-The quadrature: M is taken at 16 Gauss points of each piece between breakpoints and output times; a piece is halved
-until the last terms of its Legendre series are below round-off. Integrals up to a point inside a piece are those of the
-series. Tables and triangles are exact at once; a kink that is not a breakpoint costs time, not accuracy. A load that
-needs more than a million halvings is refused, a sine before anything is sampled.
+The quadrature: M is taken at 16 Gauss points of each subinterval between breakpoints and output times; a subinterval is
+halved until the last terms of its Legendre series are below round-off. Integrals up to a point inside a subinterval are
+those of the series. Tables and triangles are exact at once; a kink that is not a breakpoint costs time, not accuracy. A
+load that needs more than a million halvings is refused, a sine before anything is sampled.
 
 **The director scheme** of the paper, of the free body (eq-discrete-nonholonomic). The step ``Δd_i = h w × d_{i,m}``,
 ``d_m`` the mean of both ends, is the Cayley rotation of h w: a rotation about w by
@@ -36,14 +36,14 @@ from ..geometry.arrays import Array, as_array, as_number, as_positive, norm, rat
 from ..geometry.values import as_whole
 from ..loads import Load, Term, as_load
 from ..models.bodies import D3
-from .free_bodies import Motion, checked_attitude, checked_times, planar, rotations_about
+from .free_bodies import Motion, as_times, checked_attitude, planar, rotations_about
 
 NODES, HALVINGS, TAIL, FIXED = 16, 60, 1e-16, 1e-12
-MOST = 1_000_000  # pieces that come from halving
-A_PERIOD = 5  # pieces of a period of a sine, at most
+MOST = 1_000_000  # subintervals that come from halving
+A_PERIOD = 5  # subintervals of a period of a sine, at most
 
 
-class Pieces(NamedTuple):
+class Subintervals(NamedTuple):
     """Intervals [a, b] that follow one another, the times of their nodes, and the moment at these."""
 
     a: Array  # (p,)
@@ -53,7 +53,7 @@ class Pieces(NamedTuple):
 
 
 class AxialRotation(NamedTuple):
-    """Rotation about one axis of the body at the ends (p+1,) and the nodes (p, NODES) of pieces."""
+    """Rotation about one axis of the body at the ends (p+1,) and the nodes (p, NODES) of subintervals."""
 
     axis: Array  # (3,)
     rate: Array
@@ -79,43 +79,43 @@ def edges_of(load: Load, limits: Array) -> Array:
     return np.unique(np.concatenate([limits, inner]))
 
 
-def unrefined(load: Load, a: Array, b: Array) -> Pieces:
-    """Return the pieces [a, b] as they are, with the moment of the terms of kind "body"."""
+def unrefined(load: Load, a: Array, b: Array) -> Subintervals:
+    """Return the subintervals [a, b] as they are, with the moment of the terms of kind "body"."""
     times = (a + b)[:, None] / 2 + (b - a)[:, None] / 2 * gauss()[0]
-    return Pieces(a, b, times, load.sample(times.ravel(), "body").reshape(*times.shape, 3))
+    return Subintervals(a, b, times, load.sample(times.ravel(), "body").reshape(*times.shape, 3))
 
 
-def expected_pieces(load: Load, start: float, end: float) -> float:
-    """Return the approximate number of pieces after halving; 0 for a load of unknown time scale."""
+def expected_subintervals(load: Load, start: float, end: float) -> float:
+    """Return the approximate number of subintervals after halving; 0 for a load of unknown time scale."""
     smooth = [term for term in load.terms if term.kind == "body" and not term.breakpoints]
     return A_PERIOD / 20 * (end - start) / min((term.resolution for term in smooth), default=np.inf)
 
 
 def too_many(load: Load, limits: Array) -> str | None:
-    """Return the message for more than `MOST` expected pieces between `limits`, None for fewer."""
+    """Return the message for more than `MOST` expected subintervals between `limits`, None for fewer."""
     start, end = float(limits[0]), float(limits[-1])
-    if (pieces := expected_pieces(load, start, end)) <= MOST + len(limits):
+    if (count := expected_subintervals(load, start, end)) <= MOST + len(limits):
         return None
     return (
-        f"the closed-form solution needs about {pieces:.2g} pieces of the load, at most {MOST:.0e} are allowed; "
+        f"the closed-form solution needs about {count:.2g} subintervals of the load, at most {MOST:.0e} are allowed; "
         f"a frequency of {MOST / A_PERIOD / (end - start):.2g} Hz would do, or the integrator split"
     )
 
 
-def pieces_of(load: Load, limits: Array) -> Pieces:
-    """Moment of the terms of kind "body" between `limits`, in pieces on which its Legendre series is complete.
+def subintervals_of(load: Load, limits: Array) -> Subintervals:
+    """Moment of the terms of kind "body" between `limits`, in subintervals on which its Legendre series is complete.
 
     Raises
     ------
     ValueError
-        More than `MOST` pieces come from halving.
+        More than `MOST` subintervals come from halving.
     """
     if reason := too_many(load, limits):
         raise ValueError(reason)
     series = gauss()[3]
     edges = edges_of(load, limits)
     a, b = edges[:-1], edges[1:]
-    done: list[Pieces] = []
+    done: list[Subintervals] = []
     scale, halved = 0.0, 0
     for level in range(HALVINGS):
         a, b, times, moment = unrefined(load, a, b)
@@ -126,47 +126,47 @@ def pieces_of(load: Load, limits: Array) -> Pieces:
         rough &= b - a > 4 * np.spacing(abs(a) + abs(b))
         if level == HALVINGS - 1:
             rough[:] = False
-        done.append(Pieces(a[~rough], b[~rough], times[~rough], moment[~rough]))
+        done.append(Subintervals(a[~rough], b[~rough], times[~rough], moment[~rough]))
         if not rough.any():
             break
         if (halved := halved + int(rough.sum())) > MOST:
             raise ValueError(
-                f"the closed-form solution needs more than {MOST:.0e} pieces of the load: it is not smooth near "
+                f"the closed-form solution needs more than {MOST:.0e} subintervals of the load: it is not smooth near "
                 f"t = {a[rough][0]:.12g} s; give its breakpoints, or use the integrator split"
             )
         middle = (a[rough] + b[rough]) / 2
         a, b = np.concatenate([a[rough], middle]), np.concatenate([middle, b[rough]])
     a, b, times, moment = (np.concatenate(arrays) for arrays in zip(*done, strict=True))
     order = np.argsort(a)
-    return Pieces(a[order], b[order], times[order], moment[order])
+    return Subintervals(a[order], b[order], times[order], moment[order])
 
 
 def cumulative(start: Array, parts: Array) -> Array:
-    """Values at the ends of pieces, the first `start`, from the increment of each piece."""
+    """Values at the ends of subintervals, the first `start`, from the increment of each subinterval."""
     return np.concatenate([start[None], start + np.cumsum(parts, axis=0)])
 
 
-def momenta(Pi: Array, pieces: Pieces) -> tuple[Array, Array]:
-    """Return Π_⊥ at the ends (p+1, 3) and at the nodes (p, NODES, 3) of `pieces`, from `Pi` (3,) at the first end."""
+def momenta(Pi: Array, subintervals: Subintervals) -> tuple[Array, Array]:
+    """Return Π_⊥ at the ends (p+1, 3) and nodes (p, NODES, 3) of `subintervals`, from `Pi` (3,) at the first end."""
     _, w, integral, _ = gauss()
-    half, M = (pieces.b - pieces.a)[:, None] / 2, pieces.moment * [1, 1, 0]
+    half, M = (subintervals.b - subintervals.a)[:, None] / 2, subintervals.moment * [1, 1, 0]
     ends = cumulative(Pi, half * np.einsum("n,pnc->pc", w, M))
     return ends, ends[:-1, None] + half[:, None] * np.einsum("mn,pnc->pmc", integral, M)
 
 
-def axial_rotation(J: Array, Pi: Array, pieces: Pieces) -> AxialRotation | None:
+def axial_rotation(J: Array, Pi: Array, subintervals: Subintervals) -> AxialRotation | None:
     """Rotation from the momentum `Pi` on; None where the axis does not stay fixed in the body."""
     _, w, integral, _ = gauss()
     inverse = np.zeros((3, 3))
     inverse[:2, :2] = np.linalg.inv(J[:2, :2])
-    W, inside = (P @ inverse for P in momenta(Pi, pieces))
+    W, inside = (P @ inverse for P in momenta(Pi, subintervals))
     every = np.concatenate([W, inside.reshape(-1, 3)])
     fastest = every[np.argmax(np.einsum("ki,ki->k", every, every))]
     size = float(np.linalg.norm(fastest))
     axis = fastest / size if size else D3
     if abs(every @ np.cross(D3, axis)).max() > FIXED * size:
         return None
-    half, s, s_in = (pieces.b - pieces.a) / 2, W @ axis, inside @ axis
+    half, s, s_in = (subintervals.b - subintervals.a) / 2, W @ axis, inside @ axis
     angle = cumulative(np.zeros(()), half * (s_in @ w))
     return AxialRotation(axis, s, angle, s_in, angle[:-1, None] + half[:, None] * (s_in @ integral.T))
 
@@ -214,8 +214,8 @@ def loaded_momentum(
     array([1., 2., 2.])
     """
     J, W = planar(inertia, material_angular_velocity, physical)
-    pieces, place = _pieces(load, times, t_start)
-    return momenta(J @ W, pieces)[0][place(pieces)]
+    subintervals, place = _subintervals(load, times, t_start)
+    return momenta(J @ W, subintervals)[0][place(subintervals)]
 
 
 def loaded_nontwisting(
@@ -259,24 +259,24 @@ def loaded_nontwisting(
     """
     J, W = planar(inertia, material_angular_velocity, physical)
     R = checked_attitude(rotation)
-    pieces, place = _pieces(load, times, t_start)
-    motion = axial_rotation(J, J @ W, pieces)
+    subintervals, place = _subintervals(load, times, t_start)
+    motion = axial_rotation(J, J @ W, subintervals)
     if motion is None:
         raise ValueError(
             "the axis of rotation moves in the body: only the momentum has a closed form (loaded_momentum)"
         )
-    at = place(pieces)
+    at = place(subintervals)
     return rotations_about(R, motion.axis, motion.angle[at]), np.outer(motion.rate[at], motion.axis)
 
 
-def _pieces(load: Load | Term, times: ArrayLike, t_start: float) -> tuple[Pieces, Any]:
-    load, t, t0 = as_load(load), checked_times(times), as_number(t_start, "t_start")
+def _subintervals(load: Load | Term, times: ArrayLike, t_start: float) -> tuple[Subintervals, Any]:
+    load, t, t0 = as_load(load), as_times(times), as_number(t_start, "t_start")
     if t.min(initial=t0) < t0:
         raise ValueError(f"times contains {t.min():g} s, before the start at {t0:g} s")
     if any(term.kind != "body" for term in load.terms):
         raise ValueError("load has terms that are not given along the moving directors: no closed form")
-    pieces = pieces_of(load, np.unique(np.append(t, t0)))
-    return pieces, lambda p: np.searchsorted(np.append(p.a, p.b[-1:] if len(p.b) else t0), t)
+    subintervals = subintervals_of(load, np.unique(np.append(t, t0)))
+    return subintervals, lambda p: np.searchsorted(np.append(p.a, p.b[-1:] if len(p.b) else t0), t)
 
 
 MOST_STATES = 10_000_000  # states, 1 GB
@@ -400,7 +400,7 @@ def discrete_second_quotient(angular_velocity: ArrayLike, step: float, times: Ar
     >>> [exact.discrete_second_quotient((0, 2, 0), h, [1]).round(3).item() for h in (0.1, 0.05, 0.025)]
     [3.978, 3.994, 3.999]
     """
-    h, t = _step(step), checked_times(times)
+    h, t = _step(step), as_times(times)
     w = as_array(angular_velocity, "angular_velocity", (3,))
     if not w.any():
         raise ValueError("angular_velocity is zero: a body at rest has no second quotient")

@@ -39,7 +39,7 @@ from ..kernels.kernel import kernel
 from ..kernels.memory import matrix_at, put, vector_at
 from ..kernels.vectors import Matrix, Quaternion, attitude
 from ..models.system import checked_inertia
-from .free_bodies import TOO_FAR, Motion, checked_attitude, checked_times, checked_velocity, without_spin
+from .free_bodies import TOO_FAR, Motion, as_times, checked_attitude, checked_velocity, without_spin
 from .free_constants import FARTHEST
 
 # Largest A h and |W| h of a Magnus step: the local error is at most 3e-5 times its seventh power (400 random bodies).
@@ -98,7 +98,7 @@ def suslov_velocity(
            [ 0.561,  0.842]])
     """
     motion = _motion(inertia, axis, material_angular_velocity, physical)
-    y = motion.A * checked_times(times) + motion.y0
+    y = motion.A * as_times(times) + motion.y0
     return np.stack([1 / np.cosh(np.clip(y, -700, 700)), np.tanh(y)], axis=1) @ motion.B
 
 
@@ -142,7 +142,7 @@ def suslov(
     array([1.2, 1.2, 1.2])
     """
     motion = _motion(inertia, axis, material_angular_velocity, physical)
-    t, R = checked_times(times), checked_attitude(rotation)
+    t, R = as_times(times), checked_attitude(rotation)
     if motion.fastest * abs(t).max(initial=0.0) > FARTHEST:
         raise ValueError(TOO_FAR)
     attitudes = np.empty((len(t), 3, 3))

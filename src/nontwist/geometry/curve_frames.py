@@ -1,11 +1,11 @@
 """Non-twisting frames of more than samples of d3: a function d3(t), or a curve with its tangents.
 
-**A function.** On a piece of the path cut into m equal steps of time, the frame turns relative to the great circle
+**A function.** On a subinterval cut into m equal steps of time, the frame turns relative to the great circle
 through the ends by the area between path and great circle. The geodesic polygon through the m + 1 samples has that area
 up to a series in even powers of 1/m, for transport along a geodesic and back is the identity. Polygons of 1, 2, 4 and 8
 sides extrapolated to none (Richardson, Romberg) give it to order 8, the difference from the order-6 value serves as the
-error, and pieces are halved until the sum of the errors is within the tolerance. Pieces at a kink are halved until it
-fits; at a jump they cannot.
+error, and subintervals are halved until the sum of the errors is within the tolerance. Those at a kink are halved until
+it fits; at a jump they cannot.
 
 **A curve.** Double reflection (W. Wang, B. Juettler, D. Zheng, Y. Liu, ACM Trans. Graph. 27 (2008) 2): reflect the
 frame in the plane that bisects the chord, then in the one that takes the reflected tangent to the next tangent. Order
@@ -24,7 +24,7 @@ from .arrays import TOLERANCE, Array, as_array, as_positive, refuse, require_fin
 from .frames import first_d1, frames_along, in_range, indices_of, unit_directors, vectors
 from .values import as_function
 
-_PIECES = 32  # at least, at the start
+_SUBINTERVALS = 32  # at least, at the start
 _EVALUATIONS = 1_000_000  # at most, after the start
 _ROUND_OFF = 1e-16  # rad, of a single angle
 _JUMP = 1e-6  # rad; a smaller jump turns the frame by 1e-12 at most
@@ -73,9 +73,9 @@ def frame_along(
         raise ValueError("times must increase, and there must be at least one")
     tolerance = float(as_positive(rtol, "rtol", (), "rad"))
 
-    # Unequal pieces: no period of the function fits all of them.
-    pieces = max(2, -(-_PIECES // max(1, t.size - 1)))
-    cuts = t[:-1, None] + np.diff(t)[:, None] * (np.arange(pieces) / pieces) ** 1.2
+    # Unequal subintervals: no period of the function fits all of them.
+    subintervals = max(2, -(-_SUBINTERVALS // max(1, t.size - 1)))
+    cuts = t[:-1, None] + np.diff(t)[:, None] * (np.arange(subintervals) / subintervals) ** 1.2
     knots = np.append(cuts.ravel(), t[-1])
     grid = knots[:-1, None] + np.diff(knots)[:, None] * _STEP
     u = np.empty((*grid.shape, 3))
@@ -85,7 +85,7 @@ def frame_along(
     evaluations_left = _EVALUATIONS if tolerance >= _ROUND_OFF else 0
 
     while True:
-        angle, error = _piece_angles(u)
+        angle, error = _subinterval_angles(u)
         if error.sum() <= tolerance:
             break
         coarse = error > 0.5 * tolerance / error.size
@@ -119,10 +119,10 @@ def _evaluate(function: Callable[[float], ArrayLike], times: Array) -> Array:
     return u
 
 
-def _piece_angles(u: Array) -> tuple[Array, Array]:
-    """Angle of each piece (k, 9, 3) against the great circle through its ends, and the estimated error.
+def _subinterval_angles(u: Array) -> tuple[Array, Array]:
+    """Angle of each subinterval (k, 9, 3) against the great circle through its ends, and the estimated error.
 
-    Infinite where the piece is too long, or where one of eight steps covers nearly all of it.
+    Infinite where the subinterval is too long, or where one of eight steps covers nearly all of it.
     """
     row = [np.zeros(len(u))]
     best = row
@@ -150,7 +150,7 @@ def _polygon_areas(u: Array) -> Array:
 def _halve(
     function: Callable[[float], ArrayLike], grid: Array, u: Array, coarse: NDArray[np.bool_]
 ) -> tuple[Array, Array]:
-    """Cut the pieces marked `coarse` in two; the nine samples of each are kept."""
+    """Cut the subintervals marked `coarse` in two; the nine samples of each are kept."""
     middle = 0.5 * (grid[coarse, :-1] + grid[coarse, 1:])
     middle_u = _evaluate(function, middle.ravel()).reshape(*middle.shape, 3)
     fine, fine_u = np.empty((len(middle), 17)), np.empty((len(middle), 17, 3))

@@ -148,7 +148,7 @@ def _set_frame(rows: Any, d1: Vector, d3: Vector) -> None:
 
 
 @kernel("f8[:, :, :], f8[:, :], f8[:, :], i8[:, :], f8[:, :, :, :] -> i8, i8, i8, i8, i8")
-def transport(u: Any, start: Any, roll: Any, node: Any, frames: Any) -> tuple[Any, Any, Any, Any, Any]:
+def transport_samples(u: Any, start: Any, roll: Any, node: Any, frames: Any) -> tuple[Any, Any, Any, Any, Any]:
     """Transport ``start`` (m, 3) along the nodes by minimal rotations, each followed by its roll; fill `frames`.
 
     A sample that is no node takes its frame from the node before it.

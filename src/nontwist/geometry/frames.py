@@ -150,10 +150,10 @@ def frames_along(
 
     Messages count samples modulo `period`, so that the closing side of a polygon ends at sample 0.
     """
-    from .frame_kernels import transport
+    from .frame_kernels import transport_samples
 
     frames = np.empty((*u.shape, 3))
-    k, a, b, far_k, far = transport(u, first_d1(d1, u[:, 0], lead), *rolls, frames)
+    k, a, b, far_k, far = transport_samples(u, first_d1(d1, u[:, 0], lead), *rolls, frames)
     if k >= 0:
         one, other = indices_of(lead, k, a % period, b % period)
         raise ValueError(f"d3{one} and d3{other} are antipodal: the shortest path between them is not unique")

@@ -43,7 +43,7 @@ from ..kernels.control import Variables, loop, when
 from ..kernels.elements import all_lanes, any_of, arctan2, logical_not, select
 from ..kernels.kernel import kernel
 from ..kernels.machine_code import width
-from ..kernels.memory import load, store
+from ..kernels.memory import load_lanes, store_lanes
 from ..kernels.vectors import Vector, cross
 from ..machine import cores
 from .arrays import Array, as_array, as_flag, dot, norm, refuse
@@ -299,18 +299,18 @@ def row_integrals(
         begin = select((same != 0) & (closed != 0) & (i == points - 2), 1, 0)
         p, q = (Vector(*(a[k, i + l] for k in range(3))) for l in (0, 1))
         for j in loop(0, end + 1, width()):
-            x = Vector(*(load(b[k], j) for k in range(3)))
-            store(work[0], j, length(x - p))
-            store(work[1], j, length(x - q))
+            x = Vector(*(load_lanes(b[k], j) for k in range(3)))
+            store_lanes(work[0], j, length(x - p))
+            store_lanes(work[1], j, length(x - q))
         v = Variables(whole=0.0, size=0.0, angle=0.0)
         for j in loop(0, end, width()):
-            x, y = (Vector(*(load(b[k], j + l) for k in range(3))) for l in (0, 1))
-            (al, bl), (dl, cl) = ([load(work[k], j + l) for l in (0, 1)] for k in (0, 1))
+            x, y = (Vector(*(load_lanes(b[k], j + l) for k in range(3))) for l in (0, 1))
+            (al, bl), (dl, cl) = ([load_lanes(work[k], j + l) for l in (0, 1)] for k in (0, 1))
             volume, lengths, ac = _dot(x - p, cross(q - p, y - x)), al * cl, _dot(x - p, y - q)
             one = bl * (lengths + ac) + _dot(x - p, y - p) * cl + _dot(y - p, y - q) * al
             other = dl * (lengths + ac) + _dot(x - p, x - q) * cl + _dot(y - q, x - q) * al
             up, along = -volume * (one + other), select(volume != 0.0, one * other - volume * volume, 1.0)
-            number = load(numbers, j)
+            number = load_lanes(numbers, j)
             is_pair = (number >= 1.0 * begin) & (number < 1.0 * end)
             is_small = (along > 0.0) & (abs(up) < _SMALL * along)
             v.angle = _arctan_series(select(is_small, up / along, 0.0))

@@ -103,9 +103,9 @@ class Compiled(Integrator):
         """Return the states of one body at the times asked for, given those at all nodes of its grid."""
         if not self.has_series(problem.systems, problem.load):
             return None
-        from .dense import between
+        from .dense import states_between
 
-        return between(self, problem, states)
+        return states_between(self, problem, states)
 
     def can_prepare(self, load: Load) -> bool:
         """Whether `prepared` lays out problems under this load: no functions in Python, memory, or dry friction."""

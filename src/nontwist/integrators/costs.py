@@ -1,4 +1,4 @@
-"""The estimated cost of a march: steps or pieces, seconds on one core, bytes.
+"""The estimated cost of a march: steps or subintervals, seconds on one core, bytes.
 
 The times are orders of magnitude, measured on a slow core, without compilation; an integrator declares those of its own
 steps.
@@ -37,7 +37,7 @@ class Cost(NamedTuple):
     """The estimated cost of a march."""
 
     parts: int
-    unit: str  #: what the parts are: steps, pieces of a load, states
+    unit: str  #: what the parts are: steps, subintervals of a load, states
     seconds: float  #: on one core
     size: int  #: bytes in addition to the stored states
 
@@ -100,7 +100,7 @@ def damping_at(load: Load, t: float, directors: Array, W: Array, slowest: float)
     It is the symmetric part of -∂M/∂W without what drives. `slowest`: a rate of a body at rest, rad/s.
     """
     size = np.full(3, max(float(np.linalg.norm(W)), slowest))
-    slopes = _slopes(lambda V: directors @ state_moment_at(load, t, directors, V @ directors), W, size)
+    slopes = _derivatives_at(lambda V: directors @ state_moment_at(load, t, directors, V @ directors), W, size)
     values, axes = np.linalg.eigh(-(slopes + slopes.T) / 2)
     return axes * np.maximum(values, 0.0) @ axes.T
 
@@ -113,12 +113,12 @@ def memory_rate(load: Load, t: float, directors: Array, W: Array, z: Array) -> f
         def rates(own: Array, term: Memory = term) -> Array:
             return term.answers(t, directors, W, own)[1]
 
-        slopes = _slopes(rates, z[place], np.maximum(abs(z[place]), term.state_scale))
+        slopes = _derivatives_at(rates, z[place], np.maximum(abs(z[place]), term.state_scale))
         fastest = max(fastest, -np.linalg.eigvals(slopes).real.min())
     return fastest
 
 
-def _slopes(function: Callable[[Array], Array], x: Array, size: Array) -> Array:
+def _derivatives_at(function: Callable[[Array], Array], x: Array, size: Array) -> Array:
     """Return the derivatives of a function at x, rows, by differences; 0 where it fails, or jumps or bends nearby."""
     try:
         with np.errstate(all="ignore"):

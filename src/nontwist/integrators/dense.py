@@ -123,7 +123,7 @@ class Between:
         return not (self._mismatch > LARGEST_MISMATCH).any()
 
 
-def between(scheme: Compiled, problem: IVP, states: States) -> States | None:
+def states_between(scheme: Compiled, problem: IVP, states: States) -> States | None:
     """Return the states of one body at the times asked for, given those at all nodes; None where these are apart."""
     plain = replace(problem, intervals=False, observed=False, progress=None)
     dense = Dense(plain, scheme)

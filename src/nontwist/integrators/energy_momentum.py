@@ -104,7 +104,7 @@ import numpy as np
 
 from ..engine.generalised import EXACT, PAPER
 from ..engine.marching import Step, Text, midpoint_means, midpoint_step
-from ..engine.newton import EPS, solve
+from ..engine.newton import EPS, newton_solve
 from ..engine.records import Body, State
 from ..engine.sampling import Loads, MomentOfStep, Nodes, mean
 from ..geometry.values import among, short_repr
@@ -240,7 +240,7 @@ def step(nodes: Nodes, state: State, is_active: Any) -> Step:
         return size, EPS * speed, sum_of(terms, drag, of_state.size)
 
     guess = Vector(-0.0, -0.0, -W[2] if parts.is_constrained else -0.0)
-    solution = solve(nodes, equations_at, sizes, guess, is_active)
+    solution = newton_solve(nodes, equations_at, sizes, guess, is_active)
     y = solution.y
     Om = W + y
     a = f * Om

@@ -36,9 +36,9 @@ from .integrator import Integrator
 from .ivp import IVP, Intervals, March, Outcome, empty_outcome
 from .stepping import PerThread, in_threads, one_by_one, outcome_of, progress
 
-BLOCK = 4096  # members, or pieces of a load
-GLANCE = 128  # pieces of a load that are enough for a refusal
-STATE_NS, PIECE_NS, PIECE = 1_500, 50_000, 4_200  # of an output; of a piece, and its bytes: measured
+BLOCK = 4096  # members, or subintervals of a load
+GLANCE = 128  # subintervals of a load that are enough for a refusal
+STATE_NS, SUBINTERVAL_NS, SUBINTERVAL = 1_500, 50_000, 4_200  # of an output; of a subinterval, and its bytes: measured
 GYROSTAT_NS = 1_500_000  # of the constants of a gyrostat
 SUSLOV = "a Suslov body (for its velocity there is nontwist.exact.suslov_velocity)"
 ROTORS = "a body with rotors or wheels, unless it is a standard one, their momentum is constant, and nothing else acts"
@@ -135,12 +135,17 @@ class Exact(Integrator):
 
     def cost(self, problem: IVP, states: int) -> Cost:
         """Return the estimated cost of `march`."""
-        load, pieces = with_tables_as_moments(problem).load, 0
+        load, subintervals = with_tables_as_moments(problem).load, 0
         if problem.system.axis is not None and load.terms and all(term.kind == "body" for term in load.terms):
-            waves = nontwisting_body.expected_pieces(load, problem.t_start, problem.t_end)
-            pieces = states + len(load.breakpoints) + int(min(waves, nontwisting_body.MOST))
+            waves = nontwisting_body.expected_subintervals(load, problem.t_start, problem.t_end)
+            subintervals = states + len(load.breakpoints) + int(min(waves, nontwisting_body.MOST))
         own = GYROSTAT_NS if load.rotors else 0
-        return Cost(pieces, "pieces", (states * STATE_NS + pieces * PIECE_NS + own) * 1e-9, pieces * PIECE)
+        return Cost(
+            subintervals,
+            "subintervals",
+            (states * STATE_NS + subintervals * SUBINTERVAL_NS + own) * 1e-9,
+            subintervals * SUBINTERVAL,
+        )
 
 
 def with_tables_as_moments(problem: IVP) -> IVP:
@@ -240,14 +245,14 @@ def _acts(load: Load, edges: Array) -> bool:
 
 
 def _in_axis_frame(
-    system: DirectorSystem, W: Array, pieces: nontwisting_body.Pieces
-) -> tuple[Array, Array, nontwisting_body.Pieces, nontwisting_body.AxialRotation | None]:
-    """Return a frame whose third row is the axis; in it the inertia, the pieces, and the rotation from W on."""
+    system: DirectorSystem, W: Array, subintervals: nontwisting_body.Subintervals
+) -> tuple[Array, Array, nontwisting_body.Subintervals, nontwisting_body.AxialRotation | None]:
+    """Return a frame whose third row is the axis; in it the inertia, the subintervals, and the rotation from W on."""
     assert system.axis is not None
     V = bases_of(system.axis[None])[0].T
     J = V @ system.convected_inertia @ V.T
-    pieces = pieces._replace(moment=pieces.moment @ V.T)
-    return V, J, pieces, nontwisting_body.axial_rotation(J, J @ (V @ W), pieces)
+    subintervals = subintervals._replace(moment=subintervals.moment @ V.T)
+    return V, J, subintervals, nontwisting_body.axial_rotation(J, J @ (V @ W), subintervals)
 
 
 def _loaded(problem: IVP) -> March:
@@ -257,14 +262,14 @@ def _loaded(problem: IVP) -> March:
     assert system.axis is not None
     R, W = attitudes(problem.quaternion[0]), problem.velocity[0]
     W = W - (system.axis @ W) * system.axis
-    pieces = nontwisting_body.pieces_of(problem.load, np.unique(np.append(times, problem.t_start)))
-    V, J, pieces, motion = _in_axis_frame(system, W, pieces)
+    subintervals = nontwisting_body.subintervals_of(problem.load, np.unique(np.append(times, problem.t_start)))
+    V, J, subintervals, motion = _in_axis_frame(system, W, subintervals)
     if motion is None:
         raise ValueError(_no_solution(MOVING))
-    at = np.searchsorted(np.append(pieces.a, pieces.b[-1]), times)
+    at = np.searchsorted(np.append(subintervals.a, subintervals.b[-1]), times)
     q = rotations_about(R, motion.axis @ V, motion.angle[at]).swapaxes(1, 2)
     v = director_velocities(q, np.outer(motion.rate[at], motion.axis @ V), None)
-    return March(q, v, *_means(J, R @ V.T, pieces, motion, at, times), None)
+    return March(q, v, *_means(J, R @ V.T, subintervals, motion, at, times), None)
 
 
 def _gyrostat(problem: IVP) -> Outcome:
@@ -288,18 +293,18 @@ def _gyrostat(problem: IVP) -> Outcome:
 def _means(
     J: Array,
     R: Array,
-    pieces: nontwisting_body.Pieces,
+    subintervals: nontwisting_body.Subintervals,
     motion: nontwisting_body.AxialRotation,
     at: NDArray[np.intp],
     times: Array,
 ) -> tuple[Array, Array, Array]:
     """Return the means of μ and of the spatial moment and the work, between the output times."""
-    half, weights = (pieces.b - pieces.a) / 2, nontwisting_body.gauss()[1]
+    half, weights = (subintervals.b - subintervals.a) / 2, nontwisting_body.gauss()[1]
     shape = motion.angle_inside.shape
     inside = rotations_about(R, motion.axis, motion.angle_inside.ravel()).reshape(*shape, 3, 3)
-    m = np.einsum("pnab,pnb->pna", inside, pieces.moment)
-    mu = motion.rate_inside**2 * np.cross(J @ motion.axis, motion.axis)[2] + pieces.moment[..., 2]
-    power = motion.rate_inside * (pieces.moment @ motion.axis)
+    m = np.einsum("pnab,pnb->pna", inside, subintervals.moment)
+    mu = motion.rate_inside**2 * np.cross(J @ motion.axis, motion.axis)[2] + subintervals.moment[..., 2]
+    power = motion.rate_inside * (subintervals.moment @ motion.axis)
     values = np.concatenate([mu[..., None], m, power[..., None]], axis=2)
     sums = half[:, None] * np.einsum("n,pnc->pc", weights, values)
     total = np.concatenate([np.zeros((1, 5)), np.cumsum(sums, axis=0)])

@@ -84,7 +84,7 @@ from ..engine.known_steps import Wanted
 from ..engine.marching import PI, Step, Text, turned_and_normalised
 from ..engine.records import Parts, State
 from ..engine.sampling import TINY, Nodes
-from ..engine.workspace import integrate, observe_at
+from ..engine.workspace import add_to_integrals, observe_at
 from ..geometry.arrays import Array
 from ..kernels.control import Variables, loop, when
 from ..kernels.elements import any_of, cos, larger, select, sin, smaller, sqrt, without
@@ -96,8 +96,8 @@ from ..loads import Load
 from ..models.stack import SystemStack
 from .compiled import ONCE, Compiled, Needs
 from .gauss_coefficients import TABLE, WIDTH, nodes, table
-from .gauss_memory import Memory
-from .gauss_newton import lanes_where, rows_by_elimination, solve, unknowns
+from .gauss_memory import StageMemory
+from .gauss_newton import lanes_where, rows_by_elimination, solve_stages, unknowns
 from .gauss_stages import CHECKED, OVERFLOW, Equations, Stage, Stages, TurnEquations, axes_at, iterated
 
 LARGEST_TURN = {2: 1.0, 4: 1.73, 6: 2.32, 8: 3.02, 12: 4.33, 16: 5.65}
@@ -198,9 +198,9 @@ class Gauss(Compiled):
 
     def linear(self, parts: Parts, wanted: Wanted) -> Kernel:
         """Return what linearises the steps of bodies."""
-        from .gauss_derivatives import linearised
+        from .gauss_derivatives import linearised_stages
 
-        return linearised(self.nodes, parts.motion, parts, wanted)
+        return linearised_stages(self.nodes, parts.motion, parts, wanted)
 
     @property
     def needs(self) -> Needs:
@@ -251,7 +251,7 @@ def exchange(parts: Parts, b: View, memory: Any, first: Any, last: Any, back: bo
 def collocated(nodes: Nodes, state: State, alive: Any, y: Stages, motion: str) -> Step:
     """Take a step: its stages, the turn, and what the interval gets of it."""
     parts, body, h, P, s = nodes.parts, nodes.body, nodes.h, state.s, y.number
-    memory = Memory(nodes, y) if parts.memory else None
+    memory = StageMemory(nodes, y) if parts.memory else None
     e, k, zero = Equations(motion, nodes, y, P, memory), body.k, 0.0 * P[0]
     e.sample()
     if memory:
@@ -260,7 +260,7 @@ def collocated(nodes: Nodes, state: State, alive: Any, y: Stages, motion: str) -
     for_newton, used = iterated(e, alive, TABLE.guess, unchecked, state.compensation)
     v = Variables(for_newton=for_newton, used=used, residual=zero)
     for _ in when(any_of(for_newton)):
-        solve(nodes, y, state, motion, for_newton, v)
+        solve_stages(nodes, y, state, motion, for_newton, v)
     least = e.ended(without(alive, for_newton))
     dP, (torque, work, arc), turn = y.total("dp"), y.total("sum"), y.total("angle")
     next_P, next_compensation = compensated(P, state.compensation, dP)
@@ -350,7 +350,7 @@ def observe_stages(nodes: Nodes, y: Stages) -> None:
             work = work + table[TABLE.mu + WIDTH * j + i] * y.one(j).sum[1]
         x.observed.work, x.velocity = work, y.one(i).W
         observe_at(x, False, nodes.R @ axes_at(y.one(i)))
-        integrate(x, nodes.h * table[TABLE.weights + i])
+        add_to_integrals(x, nodes.h * table[TABLE.weights + i])
     x.observed.work = before
 
 

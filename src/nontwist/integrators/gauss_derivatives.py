@@ -82,7 +82,7 @@ def scratch_size(s: int, columns: int, slopes: int) -> int:
 
 
 @lru_cache
-def linearised(s: int, motion: str, parts: Parts, wanted: Wanted) -> Kernel:
+def linearised_stages(s: int, motion: str, parts: Parts, wanted: Wanted) -> Kernel:
     """Return the kernel that makes matrices of `Steps` of s stages, with the columns of the inputs wanted."""
 
     def kernel(address: Any) -> None:

@@ -38,7 +38,7 @@ from .gauss_coefficients import TABLE, WIDTH
 from .gauss_stages import INFINITE, OVERFLOW, Stage, Stages
 
 
-class Memory:
+class StageMemory:
     """The internal states z at the stages of a step: increments, z, and z', behind all else that is known of a stage.
 
     One body is marched at a time.

@@ -35,7 +35,7 @@ from ..kernels.kernel import part, rare
 from ..kernels.memory import View, put, scratch, size_of
 from ..kernels.vectors import AXES, Matrix, Vector, cross, taxicab
 from .gauss_coefficients import TABLE, WIDTH
-from .gauss_memory import Memory
+from .gauss_memory import StageMemory
 from .gauss_stages import OVERFLOW, TURN, VECTOR, ZEROS, Equations, Stage, StageLoads, Stages, axes_at, pulled_back
 
 NEWTON, NEAR, FAR = 50, 4.0, 1e5
@@ -315,7 +315,7 @@ def newton(
     """Solve the stages of one body from the increments of P there are; return success, iterations, residual."""
     nodes = Nodes(parts._replace(lanes=1), b, x, memory, buffer)
     nodes.begin(node, x.state.p)
-    memory_of_loads = Memory(nodes, stages) if parts.memory else None
+    memory_of_loads = StageMemory(nodes, stages) if parts.memory else None
     e = Equations(motion, nodes, stages, x.state.s, memory_of_loads)
     r, zero = Residuals(e, memory), 0.0 * e.P[0]
     v = Variables(is_fine=True, is_found=False, goes=True, count=0, worst=zero + float("nan"), left=zero)
@@ -358,7 +358,7 @@ def lanes_where(mask: Any, lanes: int) -> Iterator[Any]:
             yield l
 
 
-def solve(nodes: Nodes, y: Stages, state: State, motion: str, for_newton: Any, v: Variables) -> None:
+def solve_stages(nodes: Nodes, y: Stages, state: State, motion: str, for_newton: Any, v: Variables) -> None:
     """Solve the stages of bodies whose mask is set by Newton's iteration."""
     n = y.lanes
     nodes.x.state.p, nodes.x.state.s, found = state.p, state.s, scratch(3 * n)

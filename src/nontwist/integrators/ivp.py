@@ -3,14 +3,14 @@
 A run is a stack of one. The result depends on the problem alone, and no member on another: a stack may be split
 anywhere, over any number of threads, and each member has the same bits.
 
-The time grid consists of stretches of equal steps. A run from t_start to t_end in N equal steps has the nodes ``t_k =
-t_start + (t_end - t_start) k / N``. Where a load has kinks and the step is left open, there is a stretch of equal steps
-between any two of them, so that each kink is a node: in a stretch from b to c, between the nodes of the numbers m and
+The time grid consists of segments of equal steps. A run from t_start to t_end in N equal steps has the nodes ``t_k =
+t_start + (t_end - t_start) k / N``. Where a load has kinks and the step is left open, there is a segment of equal steps
+between any two of them, so that each kink is a node: in a segment from b to c, between the nodes of the numbers m and
 n, ``t_k = b + (c - b) (k - m) / (n - m)``.
 
-A run that continues another one on its grid has the nodes of the whole. Its first stretch then begins before the run
+A run that continues another one on its grid has the nodes of the whole. Its first segment then begins before the run
 does, with a node of a negative number, and the step is, bit for bit, that of the run before. The first and the last
-node of a run are t_start and t_end bit for bit, as are all borders of stretches, and no node lies outside.
+node of a run are t_start and t_end bit for bit, as are all borders of segments, and no node lies outside.
 """
 
 from __future__ import annotations
@@ -28,15 +28,15 @@ from ..geometry.arrays import Array
 from ..geometry.attitudes import States, director_velocities, directors
 from ..loads import Load
 from ..loads.load import with_torques
-from ..models.stack import SystemStack, part_of, stacked
+from ..models.stack import SystemStack, members_of, stacked
 from ..models.system import DirectorSystem
 
 FIT = 1e-9  # of a number of steps
 RESOLVED = 4  # units in the last place of a time within which an output is at a node
 
 
-class Stretches(NamedTuple):
-    """Stretches of equal steps, one after the other."""
+class Segments(NamedTuple):
+    """Segments of equal steps, one after the other."""
 
     borders: tuple[float, ...]  # s: where each begins, and where the last one ends
     numbers: tuple[int, ...]  # of the nodes there, counted from the start of the run
@@ -57,20 +57,20 @@ class Stretches(NamedTuple):
         j = min(max(int(np.searchsorted(self.borders, time)) - 1, 0), len(self.sizes) - 1)
         return self.numbers[j] + int(np.ceil((time - self.borders[j]) / self.sizes[j] * (1 - FIT)))
 
-    def after(self, number: int) -> Stretches:
-        """Return what is left after the node of this number, with the stretch that it lies in or ends."""
+    def after(self, number: int) -> Segments:
+        """Return what is left after the node of this number, with the segment that it lies in or ends."""
         j = max(int(np.searchsorted(self.numbers, number)) - 1, 0)
-        return Stretches(self.borders[j:], tuple(k - number for k in self.numbers[j:]), self.sizes[j:])
+        return Segments(self.borders[j:], tuple(k - number for k in self.numbers[j:]), self.sizes[j:])
 
 
-def stretched(borders: Any, counts: Any) -> Stretches:
-    """Return stretches with so many steps between the borders, counted from the first of them."""
+def segmented(borders: Any, counts: Any) -> Segments:
+    """Return segments with so many steps between the borders, counted from the first of them."""
     if len(counts) == 1:
         (begin, end), (steps,) = borders, counts
-        return Stretches((float(begin), float(end)), (0, int(steps)), ((float(end) - float(begin)) / int(steps),))
+        return Segments((float(begin), float(end)), (0, int(steps)), ((float(end) - float(begin)) / int(steps),))
     ends, steps = np.asarray(borders, dtype=np.float64), np.asarray(counts, dtype=np.int64)
     numbers = np.concatenate([[0], np.cumsum(steps)])
-    return Stretches(tuple(ends.tolist()), tuple(numbers.tolist()), tuple((np.diff(ends) / steps).tolist()))
+    return Segments(tuple(ends.tolist()), tuple(numbers.tolist()), tuple((np.diff(ends) / steps).tolist()))
 
 
 ONE = np.ones(1)
@@ -127,7 +127,7 @@ class IVP:
     observed: bool = False  # whether statistics over all steps are computed
     progress: Callable[[float], None] | None = None  # called with the completed fraction
     memory: Array | None = None  # (m, k) the `Outcome.memory` of the run that ended in this state
-    stretches: Stretches | None = None  # sections of equal steps; None: all steps are equal
+    segments: Segments | None = None  # sections of equal steps; None: all steps are equal
     on_gpu: bool = False  # whether an ensemble is marched on a GPU
     internal: Array | None = None  # (m, k) z of loads with memory at t_start, None: theirs
     marched: Any = None  # the `Outcome.march` of this problem without output times, where all nodes are known already
@@ -170,7 +170,7 @@ class IVP:
         """Return the problem of some members."""
         own, each = slice(first, last), {"load_scale": self.load_scale, "wheel_torque": self.wheel_torque}
         parts = {name: x if x is None or len(x) == 1 else x[own] for name, x in each.items()}
-        return self._of(own, part_of(self.systems, first, last), **parts)
+        return self._of(own, members_of(self.systems, first, last), **parts)
 
     def _of(self, own: slice, systems: SystemStack, **changes: Any) -> IVP:
         arrays = {name: getattr(self, name) for name in ("quaternion", "velocity", "normal", "memory", "internal")}
@@ -191,9 +191,9 @@ class IVP:
     # ---- the time grid
 
     @cached_property
-    def grid(self) -> Stretches:
+    def grid(self) -> Segments:
         """The sections of equal steps."""
-        return self.stretches or stretched((self.t_start, self.t_end), (self.steps,))
+        return self.segments or segmented((self.t_start, self.t_end), (self.steps,))
 
     @property
     def step(self) -> float:
@@ -210,7 +210,7 @@ class IVP:
 
     def step_at(self, k: Any) -> Any:
         """Return the size of step number `k`, s, or of each of several."""
-        return self._arrays[2][self.stretch_of(k)]
+        return self._arrays[2][self.segment_of(k)]
 
     @cached_property
     def stored_times(self) -> Array:
@@ -220,13 +220,13 @@ class IVP:
     def times(self, k: Any) -> Array:
         """Return the times of the nodes with the numbers `k`, s; step number k is between the nodes k and k + 1."""
         k = np.asarray(k)
-        inner = self._at(k, self.stretch_of(k))
+        inner = self._at(k, self.segment_of(k))
         return np.where(k == self.steps, self.t_end, np.where(k == 0, self.t_start, inner))
 
     def nodes(self, steps: NDArray[np.int64], middles: Array) -> Array:
         """Return the times at the fractions `middles` of the steps with these numbers, step by step, s."""
         k = steps[:, None]
-        return self._at(k, self.stretch_of(k), middles).ravel()
+        return self._at(k, self.segment_of(k), middles).ravel()
 
     def steps_until(self, time: Array | float) -> Any:
         """Return the number of steps that begin before a time, or before each of several times."""
@@ -237,7 +237,7 @@ class IVP:
         return np.floor(self._steps_at(time, "right")).astype(np.int64)
 
     def _steps_at(self, time: Array | float, side: Literal["left", "right"]) -> Array:
-        """Return times as numbers of steps; a border is the end, or else the beginning, of a stretch."""
+        """Return times as numbers of steps; a border is the end, or else the beginning, of a segment."""
         borders, numbers, sizes = self._arrays
         j = np.clip(np.searchsorted(borders, time, side=side) - 1, 0, len(sizes) - 1)
         return np.clip(numbers[j] + (time - borders[j]) / sizes[j], 0, numbers[j + 1])
@@ -248,14 +248,14 @@ class IVP:
             return float(self.times(step))
         return float(self.output_times[step]) if step >= 0 else self.t_start
 
-    def stretch_of(self, k: Any) -> Any:
+    def segment_of(self, k: Any) -> Any:
         """Return the numbers of the sections that contain the steps `k`."""
         if len(self.grid.sizes) == 1:
             return np.zeros(np.shape(k), np.int64)
         return np.searchsorted(self._arrays[1][1:-1], k, side="right")
 
     def _at(self, k: Any, j: Any, parts: Any = 0.0) -> Array:
-        """Return the times at the fractions `parts` of the steps `k`, which are in the stretches `j`."""
+        """Return the times at the fractions `parts` of the steps `k`, which are in the segments `j`."""
         borders, numbers, _ = self._arrays
         b, c, n = borders[j], borders[j + 1], numbers[j]
         inside = b + (c - b) * ((k - n) + parts) / (numbers[j + 1] - n)
@@ -281,7 +281,7 @@ class Outputs:
     def __init__(self, problem: IVP) -> None:
         times, last = np.asarray(problem.output_times), problem.steps
         node = np.clip(problem.steps_ended(times), 0, last - 1)
-        j, ends = problem.stretch_of(node), abs(np.array(problem.grid.borders))
+        j, ends = problem.segment_of(node), abs(np.array(problem.grid.borders))
         rounding = RESOLVED * np.spacing(np.maximum(ends[j], ends[j + 1]))
         node -= problem.times(node) > times + rounding
         node += problem.times(np.minimum(node + 1, last)) <= times + rounding
@@ -440,7 +440,7 @@ def onward(problem: IVP, first: int, last: int, state: States | None = None) -> 
     """
     t_start, t_end = problem.times(np.array([first, last])).tolist()
     n, start = last - first, {} if state is None else started(state)
-    grid: dict[str, Any] = {"steps": n, "stored": np.array([0, n]), "stretches": problem.grid.after(first)}
+    grid: dict[str, Any] = {"steps": n, "stored": np.array([0, n]), "segments": problem.grid.after(first)}
     return replace(
         problem, t_start=t_start, t_end=t_end, output_times=None, progress=None, marched=None, **grid, **start
     )

@@ -69,7 +69,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from ..engine.marching import Step, Text, midpoint_means, midpoint_step
-from ..engine.newton import EPS, solve
+from ..engine.newton import EPS, newton_solve
 from ..engine.records import Parts, State
 from ..engine.sampling import Loads, MomentOfStep, Nodes, mean
 from ..kernels.elements import fma, select, sqrt
@@ -176,7 +176,7 @@ def step(nodes: Nodes, state: State, is_active: Any) -> Step:
     guess, M, auxiliary = h * rates[0], loads.moving, state.auxiliary
     guess = Vector(guess[0], guess[1], axial) if parts.is_constrained else guess
     known = Vector(zero, zero, zero) if M is None else Vector(f * M[0], f * M[1], zero)
-    solution = solve(nodes, equations_at, sizes, guess, is_active, known if parts.is_explicit else None)
+    solution = newton_solve(nodes, equations_at, sizes, guess, is_active, known if parts.is_explicit else None)
     z = solution.y
     if not parts.is_explicit:
         rate = (1.0 / h) * z

@@ -34,7 +34,7 @@ from .ivp import IVP
 from .load_samples import WIDTHS, as_gyrostat, as_marched, march_parts, orbit_of, sampled
 
 
-class Entries(NamedTuple):
+class InputDerivatives(NamedTuple):
     """What parameters do to an input of steps: dinput[component] = value · dparameter, at a step, or at all of them."""
 
     name: str  # of the input
@@ -43,17 +43,17 @@ class Entries(NamedTuple):
     value: Array
     step: NDArray[np.int64] | None = None  # None: at every step
 
-    def transformed(self, T: Array) -> Entries:
+    def transformed(self, T: Array) -> InputDerivatives:
         """Return what they do to the input times a matrix, node by node, without zeros."""
         columns = self.component % len(T)
         values = T[:, columns] * self.value
         rows, which = np.nonzero(values)
         step = None if self.step is None else self.step[which]
         component = self.component[which] - columns[which] + rows
-        return Entries(self.name, component, self.parameter[which], values[rows, which], step)
+        return InputDerivatives(self.name, component, self.parameter[which], values[rows, which], step)
 
 
-EntriesOf = Callable[["StepNodes"], Iterable[Entries]]
+EntriesOf = Callable[["StepNodes"], Iterable[InputDerivatives]]
 StepMask = NDArray[np.int64]
 Workspace = dict[str, Array]  # memory of one thread
 
@@ -303,7 +303,12 @@ class Chunk(NamedTuple):
 
 
 def chunk_of(
-    steps: Linearised, nodes: StepNodes, count: int, entries: Iterable[Entries], is_stored: StepMask | None, back: bool
+    steps: Linearised,
+    nodes: StepNodes,
+    count: int,
+    entries: Iterable[InputDerivatives],
+    is_stored: StepMask | None,
+    back: bool,
 ) -> Chunk:
     """Lay out steps, and what so many parameters do to them, by their entries, for changes that go on, or `back`."""
     first, last, none, before = nodes.first, nodes.last, np.zeros(0, dtype=np.int64), 0

@@ -16,9 +16,9 @@ with them the schemes keep the total momentum π + Λc exactly: with the mean mo
 of constant momentum is drag with a skew matrix, ``c × W``, and does no work; as it spins up its work is ``-h c'·W``, W
 of the step.
 
-**Steps in which no moment acts** (`Unloaded`): a scheme that is exact without load covers each stretch of them at once.
-In such a stretch the march carries the state in which the stretch began; the states that are stored in it are evaluated
-from there, and so is the state at its end. So what a stretch gives does not depend on where the march pauses.
+**Steps in which no moment acts** (`Unloaded`): a scheme that is exact without load covers each segment of them at once.
+In such a segment the march carries the state in which the segment began; the states that are stored in it are evaluated
+from there, and so is the state at its end. So what a segment gives does not depend on where the march pauses.
 
 **Wheels** (`loads.memory_terms`). Every scheme integrates bodies with wheels as gyrostats, where h is known beforehand.
 A problem with wheels becomes that of what carries them, of inertia J_c, with rotors of momentum h, or loads with memory
@@ -218,7 +218,7 @@ def coefficients(middles: tuple[float, ...]) -> tuple[Array, Array]:
 
 
 class Unloaded:
-    """Stretches of equal steps in which a load is known to be zero, in a grid.
+    """Segments of equal steps in which a load is known to be zero, in a grid.
 
     Attributes
     ----------
@@ -227,7 +227,7 @@ class Unloaded:
     """
 
     def __init__(self, problem: IVP, load: Load | None) -> None:
-        """Find the stretches; without a load, of a scheme that is not exact, there are none."""
+        """Find the segments; without a load, of a scheme that is not exact, there are none."""
         self.begin: NDArray[np.int64] = np.zeros(0, dtype=np.int64)
         self.end = self.begin
         if load is not None:
@@ -241,13 +241,13 @@ class Unloaded:
     def __len__(self) -> int:
         return len(self.begin)
 
-    def stretch_of(self, steps: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Return the number of the stretch that each step is in, -1 where it is in none."""
+    def segment_of(self, steps: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Return the number of the segment that each step is in, -1 where it is in none."""
         j = np.searchsorted(self.begin, steps, side="right") - 1
         return np.where(j == np.searchsorted(self.end, steps, side="right"), j, -1)
 
     def before(self, steps: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Return how many of the steps before each are in a stretch."""
+        """Return how many of the steps before each are in a segment."""
         if not len(self):
             return np.zeros_like(steps)
         j = np.searchsorted(self.begin, steps, side="right")
@@ -259,7 +259,7 @@ COMMANDED = 4  # internal states of a wheel that takes a torque beside its own
 X, WEIGHTS = (leggauss(8)[0] + 1) / 2, leggauss(8)[1] / 2
 
 
-def internal_states(systems: SystemStack, load: Load, time: float, velocity: Array, scale: Array) -> Array:
+def first_internal_states(systems: SystemStack, load: Load, time: float, velocity: Array, scale: Array) -> Array:
     """Return the internal states at the start of runs that continue none, (m, k), given W, (m, 3)."""
     found = np.tile(load.internal_state, (len(velocity), 1))
     W = velocity if systems.axis is None else velocity + systems.spin_at(time)[:, None] * systems.axis

@@ -146,7 +146,7 @@ def _kept_march(
 ) -> PreparedMarch:
     at, start = np.frombuffer(stored, np.int64).copy(), (np.eye(4)[3:], np.zeros((1, 3)))
     parts: Any = systems, *start, load, *ends, grid.steps, at, np.array([scale])
-    return PreparedMarch(StackMarch(replace(IVP(*parts), intervals=means, stretches=grid), scheme))
+    return PreparedMarch(StackMarch(replace(IVP(*parts), intervals=means, segments=grid), scheme))
 
 
 @lru_cache(maxsize=16)

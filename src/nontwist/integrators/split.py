@@ -24,7 +24,7 @@ however small the steps and however long the load; steps with |λ h| > 1/2 may l
 lie inside the step. There is no limit to the turn of a step but 1e15 rad, of which round-off leaves no digit: an
 error.
 
-Where no moment acts each stretch is one exact motion, evaluated at each stored time from its start: no steps, no
+Where no moment acts each segment is one exact motion, evaluated at each stored time from its start: no steps, no
 accumulation of round-off. Pulses and tables act where they are not zero; gravity and functions act always.
 
 The frame b is that of the engine with the principal axes in ascending order, or with the constrained axis as its third
@@ -69,7 +69,7 @@ import numpy as np
 from ..engine.marching import FARTHEST, UNIT, Step, Text, exponential, magnus, turned_and_normalised, turned_by_vector
 from ..engine.records import Parts, State
 from ..engine.sampling import TINY, Loads, Nodes
-from ..engine.workspace import integrate, observe
+from ..engine.workspace import add_to_integrals, observe
 from ..exact.free_constants import BAD_TIME, CONSTANTS, Constants
 from ..exact.free_step import free_motion, free_step, free_until, set_origin
 from ..geometry.arrays import Array
@@ -112,7 +112,7 @@ def fractions(order: int) -> Array:
 
 
 @cache
-def nodes(order: int) -> Array:
+def substep_nodes(order: int) -> Array:
     """Return where the middles of the substeps lie, as fractions of the step, (s,); one array for all callers."""
     gamma = fractions(order)
     return np.cumsum(gamma) - gamma / 2
@@ -207,7 +207,7 @@ class Split(Compiled):
         """
         if parts.is_constrained and parts.is_explicit:
             return ONCE, gauss_nodes(self.order)
-        return fractions(self.order), nodes(self.order)
+        return fractions(self.order), substep_nodes(self.order)
 
     def refusal(self, problem: IVP) -> str | None:
         """Return why rotors, a prescribed spin, or a constrained axis that is not principal are not accepted."""
@@ -238,7 +238,7 @@ DIFFERENCE = sqrt(EPS)
 class GaussRule(NamedTuple):
     """Gauss nodes, weights, the matrix (a_ij), and the integrals of the Lagrange polynomials from 0 to c_i c_j."""
 
-    nodes: Array
+    substep_nodes: Array
     weights: Array
     matrix: Array
     inner: Array
@@ -297,7 +297,7 @@ class StepSums:
         if self.nodes.parts.observes:
             x.state.p, x.velocity, x.observed.work = p, W, self.before + self.sums.work
             observe(x, False)
-            integrate(x, weight)
+            add_to_integrals(x, weight)
 
     def add(self, part: Any, mu: Any, work: Any, moment: Vector, dead: Vector) -> None:
         """Add what a substep gives, the means times its part of the step."""

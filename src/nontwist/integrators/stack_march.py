@@ -5,7 +5,7 @@ on time alone are sampled beforehand. Members with the same kind of motion are m
 member becomes depends on that member alone.
 
 A march pauses where the length of steps changes. With outputs at any times it pauses also at the nodes at which there
-is output, and before each step with output inside. All outputs in a stretch without moments are reached from
+is output, and before each step with output inside. All outputs in a segment without moments are reached from
 where it begins.
 """
 
@@ -31,8 +31,8 @@ from ..engine.records import (
     SUMS,
     WORK,
     Parts,
-    apart,
     pack,
+    separate_arrays,
     side_by_side,
     slab_layout,
 )
@@ -130,7 +130,7 @@ class StackMarch:
             "observed": (m, OBSERVED.size) if stack.observed else none,
         }
         self.slab = slab_layout(self.shapes)
-        self.arrays, array_addresses = (side_by_side if m == 1 or stack.on_gpu else apart)(**self.shapes)
+        self.arrays, array_addresses = (side_by_side if m == 1 or stack.on_gpu else separate_arrays)(**self.shapes)
         self.guesses = slice(STATE.auxiliary + 6 * director, size)
         self.block = np.zeros(BLOCK.size, dtype=np.int64)
         pack(self.block, BLOCK, **array_addresses, members=m, state_size=size, output_count=count, director=director)
@@ -273,9 +273,9 @@ class StackMarch:
         by_steps = steps if self.stack.observed else self.sampled_steps
         marched = range(0, by_steps, max(1, length // max(len(middles) for _, middles in self.stages.values())))[1:]
         rest = [by_steps] if 0 < by_steps < steps else []
-        if self.outputs is not None:  # a stretch without moments is one call
+        if self.outputs is not None:  # a segment without moments is one call
             ends = np.array([*marched, *rest])
-            within = self.unloaded.stretch_of(ends)
+            within = self.unloaded.segment_of(ends)
             ends = np.unique(np.where(within >= 0, self.unloaded.end[within], ends)) if len(self.unloaded) else ends
             return chain(ends[ends < steps].tolist(), [steps]), int(np.sum(ends < steps)) + 1
         rest += stored[int(np.searchsorted(stored, by_steps, side="right")) + NODES - 1 : -1 : NODES].tolist()
@@ -289,7 +289,7 @@ class StackMarch:
             return
         self.part, steps = part, np.arange(*part[:2])
         if len(self.unloaded) and not self.parts.dead:
-            steps = steps[self.unloaded.stretch_of(steps) < 0]
+            steps = steps[self.unloaded.segment_of(steps) < 0]
         stack, self.count = self.stack, len(middles)
 
         def ends() -> tuple[Array, Array, Array]:
@@ -419,16 +419,16 @@ def listed(march: StackMarch, parts: Parts, width: int, first: int, last: int, r
 
 
 def grid_calls(march: StackMarch, first: int, last: int, unloaded: Unloaded, *stops: Any) -> Rows:
-    """Return the calls for steps of the grid, one for each stretch and from stop to stop."""
+    """Return the calls for steps of the grid, one for each segment and from stop to stop."""
     numbers = np.array(march.stack.grid.numbers)
     stop = distinct(np.concatenate([[first, last], numbers, unloaded.begin, unloaded.end, *stops]))
     stop = stop[(stop >= first) & (stop <= last)]
     begin, end = stop[:-1], stop[1:]
-    stretch, within = np.searchsorted(numbers[1:-1], begin, side="right"), unloaded.stretch_of(begin)
+    segment, within = np.searchsorted(numbers[1:-1], begin, side="right"), unloaded.segment_of(begin)
     free = np.flatnonzero(within >= 0)
     done = np.searchsorted(march.stored, begin, side="right") - 1
-    rows = _rows(march, begin, end - begin, done, march.sizes, stretch)
-    rows[:, CALL.begins] = (begin == numbers[stretch]) & (stretch > 0)
+    rows = _rows(march, begin, end - begin, done, march.sizes, segment)
+    rows[:, CALL.begins] = (begin == numbers[segment]) & (segment > 0)
     rows[free, CALL.unloaded_from] = unloaded.begin[within[free]]
     rows[free, CALL.loaded_from] = unloaded.end[within[free]]
     if march.loads is not NOTHING:
@@ -453,16 +453,16 @@ def _calls_with_outputs(
     assert outputs is not None
     here = np.flatnonzero((outputs.node >= first) & ((outputs.node < last) | (last == stack.steps)))
     node, since, inside, n = outputs.node[here], outputs.since[here], outputs.since[here] > 0, len(here)
-    stretch = unloaded.stretch_of(node)
-    stretch[(stretch >= 0) & ~inside & np.isin(node, unloaded.begin)] = -1  # there nothing has moved yet
-    free = stretch >= 0
-    origin, is_step = unloaded.begin[stretch[free]], inside & ~free
+    segment = unloaded.segment_of(node)
+    segment[(segment >= 0) & ~inside & np.isin(node, unloaded.begin)] = -1  # there nothing has moved yet
+    free = segment >= 0
+    origin, is_step = unloaded.begin[segment[free]], inside & ~free
     steps = grid_calls(march, first, last, unloaded, node[~free])
     sizes = march.sizes[np.searchsorted(stack.grid.numbers[1:-1], node, side="right"), 0]
     length = since / march.unit
     length[free] = (stack.times(node[free]) - stack.times(origin) + since[free]) / march.unit
     nodes = free & ~inside
-    length[nodes] = sizes[nodes] * (node - unloaded.begin[stretch])[nodes] if nodes.any() else 0.0
+    length[nodes] = sizes[nodes] * (node - unloaded.begin[segment])[nodes] if nodes.any() else 0.0
     lengths, begin = np.stack([length, np.full(n, 1.0 / march.unit)], axis=1), node.copy()
     begin[free] = origin
     own = _rows(march, begin, (inside | free).astype(np.int64), 0, lengths, np.arange(n))

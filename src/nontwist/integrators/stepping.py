@@ -128,7 +128,7 @@ ORTHONORMAL = 1e-9
 ENDS = np.array([0, 1])
 
 
-class Step(NamedTuple):
+class StepResult(NamedTuple):
     """The result of one step of a scheme."""
 
     directors: Array  # (3, 3) rows, at the end of the step
@@ -140,7 +140,9 @@ class Step(NamedTuple):
     failure: Failure | None
 
 
-def march(problem: IVP, constraints: int, step: Callable[[int, Array, Array], Step], precision: Any) -> March:
+def march_by_steps(
+    problem: IVP, constraints: int, step: Callable[[int, Array, Array], StepResult], precision: Any
+) -> March:
     """Call ``step(k, directors, velocities)`` for all steps of the grid, and return the march.
 
     Parameters
@@ -214,7 +216,7 @@ def at_any_times(march_one: Callable[[IVP], March], problem: IVP) -> March:
             break
         q, v, integral, used = whole.directors[k], whole.velocities[k], total[k], 0
         if since > 0:
-            span: dict[str, Any] = {"t_start": reached[k], "t_end": reached[k] + since, "stretches": None}
+            span: dict[str, Any] = {"t_start": reached[k], "t_end": reached[k] + since, "segments": None}
             part = march_one(replace(once, **started(States(*states_of(q, v))), **span))
             if part.failure is not None:
                 failure = failure or part.failure._replace(step=int(nodes[k]))

@@ -19,7 +19,17 @@ from ..geometry.attitudes import BASIS, ENTRIES, States
 from ..kernels import machine_code
 from ..kernels.kernel import address_of
 from ..kernels.memory import size_of
-from .linearised_runs import LONGEST, Chunk, Entries, EntriesOf, Linearised, StepMask, StepNodes, Workspace, ranged
+from .linearised_runs import (
+    LONGEST,
+    Chunk,
+    EntriesOf,
+    InputDerivatives,
+    Linearised,
+    StepMask,
+    StepNodes,
+    Workspace,
+    ranged,
+)
 from .stepping import PerThread
 
 TOGETHER = 32, 4, 1  # steps between two times at which changes are made orthonormal
@@ -132,7 +142,7 @@ class ForwardTangents:
         self._steps, self._stored_count, side = steps, int(is_stored.sum()), machine_code.lanes()
         place, self._count = np.cumsum(~is_turned) - 1, len(self._others)
 
-        def entries_of(nodes: StepNodes) -> Iterator[Entries]:
+        def entries_of(nodes: StepNodes) -> Iterator[InputDerivatives]:
             return (one._replace(parameter=place[one.parameter]) for one in entries(nodes))
 
         self._chunks = list(steps.chunks(self._count, entries_of, is_stored))

@@ -371,6 +371,8 @@ def _loaded(file: BinaryIO) -> xarray.Dataset:
         record = dict(opened.attrs)
         if reason := _foreign(record):
             raise ResultFileError(reason)
+        if "stretches" in record:  # of 0.2.0
+            record["segments"] = record.pop("stretches")
         for name, stored in opened.variables.items():
             attributes = dict(stored.attrs)
             named.update(attributes.pop("coordinates", "").split())

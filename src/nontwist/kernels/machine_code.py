@@ -193,7 +193,7 @@ class Region:
         self.written: set[str] = set()
 
 
-class Function:
+class FunctionCode:
     """A function in the making."""
 
     def __init__(self, head: str) -> None:
@@ -243,11 +243,11 @@ class Tracer:
         self.refusals: list[TraceError] = []
         self._declared: dict[str, None] = {}
         self._functions: list[str] = []
-        self._open: list[Function] = []
+        self._open: list[FunctionCode] = []
         self._count = 0
 
     @property
-    def function(self) -> Function:
+    def function(self) -> FunctionCode:
         """The function that is written now."""
         return self._open[-1]
 
@@ -259,7 +259,7 @@ class Tracer:
     def open(self, name: str, arguments: str, is_internal: bool = False, is_rare: bool = False) -> None:
         """Begin a function; one that is rare is not optimised."""
         linkage, attributes = ("internal ", "noinline nounwind") if is_internal else ("", "nounwind")
-        self._open.append(Function(f"{linkage}{{}} @{name}({arguments}) {attributes}{' optnone' * is_rare}"))
+        self._open.append(FunctionCode(f"{linkage}{{}} @{name}({arguments}) {attributes}{' optnone' * is_rare}"))
 
     def close(self, result: str = "void") -> None:
         """End the function that is open."""

@@ -141,12 +141,12 @@ def passed(a: Any) -> tuple[str, str]:
     return kind.scalar, kind.named(a)
 
 
-def load(row: Any, i: Any) -> Any:
+def load_lanes(row: Any, i: Any) -> Any:
     """Return as many numbers of a row as the kernel has lanes."""
     return row[i] if tracer() is None else row.load(i, width())
 
 
-def store(row: Any, i: Any, x: Any) -> None:
+def store_lanes(row: Any, i: Any, x: Any) -> None:
     """Write as many numbers to a row as the kernel has lanes."""
     if tracer() is None:
         row[i] = x

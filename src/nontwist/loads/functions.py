@@ -101,7 +101,7 @@ def _unsound(
     function: Callable[..., Any], arguments: tuple[Any, ...], shape: tuple[int, ...], got: Array | Exception
 ) -> ValueError:
     """Return the error for a function that raised, or returned what is not asked for."""
-    is_of_time, place = isinstance(arguments[0], float), _place(arguments, shape)
+    is_of_time, place = isinstance(arguments[0], float), _arguments_in_words(arguments, shape)
     name = "load" if is_of_time else "gradient" if shape else "potential"
     name = f"the {name} {getattr(function, '__name__', None) or repr(function)}"
     wanted = FINITE.get(shape) or f"as many finite numbers as state0, {shape[0]},"
@@ -123,7 +123,7 @@ def _given(arguments: tuple[Any, ...], shape: tuple[int, ...]) -> str:
     return GIVEN[len(arguments)] if shape or len(arguments) > 1 else "the speed"
 
 
-def _place(arguments: tuple[Any, ...], shape: tuple[int, ...]) -> str:
+def _arguments_in_words(arguments: tuple[Any, ...], shape: tuple[int, ...]) -> str:
     given, first = _given(arguments, shape), arguments[0]
     if given == "γ":
         return f"γ = {first.tolist()}"

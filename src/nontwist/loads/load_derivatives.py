@@ -60,7 +60,7 @@ def slopes_of_time(term: Term, name: str, times: Array, later: Array | None = No
     if name == "scale":
         found = Slopes.of(term.samples(times)[..., None])
     elif later is not None:
-        found = Slopes.of(term.scale * _slopes(term, times) * later[:, None, None])
+        found = Slopes.of(term.scale * _derivatives_of_term(term, times) * later[:, None, None])
     elif isinstance(term, Tabulated):
         inside = np.flatnonzero((times >= term.times[0]) & (times < term.times[-1]))
         row, entry, weight = _weights(term.times, times[inside])
@@ -69,12 +69,12 @@ def slopes_of_time(term: Term, name: str, times: Array, later: Array | None = No
         parameter = n * np.repeat(entry, n) + component
         found = Slopes(np.repeat(inside[row], n), component, parameter, np.repeat(term.scale * weight, n))
     else:
-        found = Slopes.of(term.scale * _slopes(term, times, name))
+        found = Slopes.of(term.scale * _derivatives_of_term(term, times, name))
     is_along = isinstance(term, ForceTable) and term.frame == "body"
     return found._replace(component=found.component + 9 * is_along)
 
 
-def _slopes(term: Term, times: Array, name: str = "") -> Array:
+def _derivatives_of_term(term: Term, times: Array, name: str = "") -> Array:
     """Return the derivatives of a moment by the numbers of a field, or by the time, (n, 3, count)."""
     count = np.size(getattr(term, name)) if name else 1
     if term.columns is not None:

@@ -222,7 +222,7 @@ def _stack_of_one(system: DirectorSystem) -> SystemStack:
     return SystemStack.of([system])
 
 
-def part_of(systems: SystemStack, first: int, last: int) -> SystemStack:
+def members_of(systems: SystemStack, first: int, last: int) -> SystemStack:
     """Return the stack of some members; a stack of one is that of all."""
     if len(systems) == 1:
         return systems

@@ -42,7 +42,7 @@ from ..analysis.trajectory import FORMAT_VERSION
 from ..analysis.variables import assembled, labelled
 from ..errors import warn
 from ..geometry.arrays import EPS, Array, arcs, as_array, as_floats, principal_angle
-from ..geometry.frame_kernels import transport
+from ..geometry.frame_kernels import transport_samples
 from ..geometry.frames import estimates, rolls, triad_about
 from ..geometry.path_kernels import angles, body_axes
 from ..geometry.values import among, counted, hinted, number_text, short_repr
@@ -269,7 +269,7 @@ def _shaken(shake: ArrayLike | None) -> Array | None:
 def _frame(d3: Array, d1: Array, order: int) -> Array:
     """Non-twisting frames along unit vectors, the first with d1; `_steps` has reported wide steps, with the row."""
     frame = np.empty((1, len(d3), 3, 3))
-    transport(d3[None], d1[None], *rolls(d3[None], order, closed=False), frame)
+    transport_samples(d3[None], d1[None], *rolls(d3[None], order, closed=False), frame)
     return np.asarray(frame[0])
 
 

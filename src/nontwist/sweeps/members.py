@@ -29,14 +29,14 @@ from scipy.spatial.transform import Rotation
 
 from ..analysis import statistics
 from ..analysis.variables import SIZES, Acting, about, observables
-from ..driver.completion import march
+from ..driver.completion import checked_march
 from ..driver.notices import messages
 from ..driver.planning import known_body
 from ..driver.starts import starts
 from ..errors import RunFileError
 from ..geometry.arrays import UNIT, Array, as_direction, norm
 from ..integrators import IVP, Integrator
-from ..integrators.ivp import COLUMNS, stretched
+from ..integrators.ivp import COLUMNS, segmented
 from ..models.bodies import BODIES, many_euler
 from ..models.stack import SystemStack, doubtful
 from ..models.system import DirectorSystem
@@ -341,7 +341,7 @@ class Members:
                 continue
             try:
                 scheme, problem = self.problem(file, part(inner, places), len(places))
-                outcome = march(scheme, problem)
+                outcome = checked_march(scheme, problem)
             except ValueError as error:
                 alone = {0: str(error).replace(" of member 0", "")} if len(places) == 1 else {}
                 reasons = error.reasons if isinstance(error, InvalidMembersError) else alone
@@ -381,7 +381,7 @@ class Members:
         rotation = self._rotations(file, _below("start.rotation", values), m)
         scale = 1.0 if scales is None else scales
         begin = starts(plan.systems, None, rotation, False, W, w, scale, file.start.project, plan.t_start, many=True)
-        grid = plan.grid or stretched((plan.t_start, plan.t_end), (1,))
+        grid = plan.grid or segmented((plan.t_start, plan.t_end), (1,))
         return plan.scheme, plan.problem(begin, grid, observed=bool(self.sweep.reduce))
 
     def _rotations(self, file: RunFile, values: Values, m: int) -> Rotation | Array:

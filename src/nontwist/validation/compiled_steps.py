@@ -59,7 +59,7 @@ import numpy as np
 from ..driver.runs import integrate
 from ..geometry.arrays import Array, cross
 from ..integrators.integrator import IVP, Integrator, March
-from ..integrators.stepping import Step, march
+from ..integrators.stepping import StepResult, march_by_steps
 from ..loads import body_moment, damping, space_moment
 from ..loads.load import Load, forces_at, state_moment_at
 from ..loads.potentials import DirectorForces
@@ -120,7 +120,7 @@ def newton(residual: Callable[[Array], Array], unknowns: int, velocities: int, s
     raise ArithmeticError("Newton's iteration of a reference step does not converge")
 
 
-def director_step(q0: Array, v0: Array, h: float, E: Array, A: Array, dead: Array, load: MidpointLoad) -> Step:
+def director_step(q0: Array, v0: Array, h: float, E: Array, A: Array, dead: Array, load: MidpointLoad) -> StepResult:
     """Take one step of eq-discrete-nonholonomic.
 
     Parameters
@@ -155,10 +155,10 @@ def director_step(q0: Array, v0: Array, h: float, E: Array, A: Array, dead: Arra
     u, qm, w, m, F = middle(x)
     inertia = (np.sum(qm**2) * I3 - qm.T @ qm).astype(float)
     work, moment = h * float(m @ w) + h * float(np.sum(F * u)), inertia @ m / 2 + cross(qm, F).sum(0)
-    return Step(q0 + h * u, 2 * u - v0, x[9:], moment, work, iterations, None)
+    return StepResult(q0 + h * u, 2 * u - v0, x[9:], moment, work, iterations, None)
 
 
-def body_step(system: DirectorSystem, q0: Array, v0: Array, h: float, load: MidpointLoad) -> Step:
+def body_step(system: DirectorSystem, q0: Array, v0: Array, h: float, load: MidpointLoad) -> StepResult:
     """Take one step of lie-midpoint; parameters as those of `director_step`."""
     J, axis = system.convected_inertia, np.zeros((0, 3)) if system.axis is None else system.axis[None]
     W0: Any = np.zeros(3, dtype=Extended)
@@ -186,23 +186,23 @@ def body_step(system: DirectorSystem, q0: Array, v0: Array, h: float, load: Midp
     a = h / 2 * W
     q1: Array = (2 * (I3 + cross(a, I3) + np.outer(a, a)) / (1 + a @ a) - I3) @ q0
     v1 = cross((2 * W - W0) @ q1, q1)
-    return Step(q1, v1, x[3:], m, h * float((W @ q0) @ m), iterations, None)
+    return StepResult(q1, v1, x[3:], m, h * float((W @ q0) @ m), iterations, None)
 
 
-def _marched(problem: IVP, count: int, step: Callable[[Array, Array, float, MidpointLoad], Step]) -> March:
+def _marched(problem: IVP, count: int, step: Callable[[Array, Array, float, MidpointLoad], StepResult]) -> March:
     """March step by step, with `count` multipliers."""
     middle = problem.nodes(np.arange(problem.steps), np.array([0.5]))
     body, space = problem.load.sample(middle, "body"), problem.load.sample(middle, "space")
     forces = Load(tuple(term for term in problem.load.terms if isinstance(term, DirectorForces)))
     moments = Load(tuple(term for term in problem.load.terms if not isinstance(term, DirectorForces)))
 
-    def one(k: int, q: Array, v: Array) -> Step:
+    def one(k: int, q: Array, v: Array) -> StepResult:
         t = middle[k]
         moment = (lambda d, w: state_moment_at(moments, t, d, w)) if moments.depends_on_state else None
         on_directors = (lambda d, w: forces_at(forces, t, d, w)) if forces.terms else None
         return step(q, v, problem.step_at(k), MidpointLoad(body[k], space[k], moment, on_directors))
 
-    return march(problem, count, one, Extended)
+    return march_by_steps(problem, count, one, Extended)
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""The time grid in stretches: kinks of a load are nodes, steps are equal between them, states are carried over."""
+"""The time grid in segments: kinks of a load are nodes, steps are equal between them, states are carried over."""
 
 import json
 from dataclasses import replace
@@ -8,13 +8,13 @@ import pytest
 
 import nontwist as nt
 from conftest import thinned
-from nontwist.driver.grid import kinks, stretches_of
+from nontwist.driver.grid import kinks, segments_of
 from nontwist.driver.planning import planned
 from nontwist.driver.single_run import integrated
 from nontwist.driver.starts import starts
 from nontwist.errors import SimulationInterrupt
 from nontwist.integrators import INTEGRATORS, stack_march
-from nontwist.integrators.ivp import stretched
+from nontwist.integrators.ivp import segmented
 from refusals import says
 
 BODY = nt.standard([[3.1, 0.2, -0.3], [0.2, 4.2, 0.1], [-0.3, 0.1, 5.5]])
@@ -45,23 +45,23 @@ def test_kinks_are_nodes(name):
     assert set(load.breakpoints) <= set(run.time.tolist())
     assert (run.time[0], run.time[-1]) == (0, 2)
     sizes = np.concatenate([np.diff(run.time[a : b + 1]) for a, b in zip(*ends(run), strict=True)])
-    assert len(sizes) == run.stretches.steps
+    assert len(sizes) == run.segments.steps
     for a, b in zip(*ends(run), strict=True):
         assert np.ptp(np.diff(run.time[a : b + 1])) <= 1e-15
-    assert run.step == max(run.stretches.sizes)
+    assert run.step == max(run.segments.sizes)
 
 
 def ends(run):
-    return run.stretches.numbers[:-1], run.stretches.numbers[1:]
+    return run.segments.numbers[:-1], run.segments.numbers[1:]
 
 
 def started(name, order, store, velocities=((1.3, -0.7, 2.1),)):
-    """A plan, starts, and a grid of stretches."""
+    """A plan, starts, and a grid of segments."""
     plan = planned(BODY, LOAD, name, order, 0, 2, None, None, store)
     begin = starts(BODY, material_angular_velocity=(1, 1, 1))
     velocities = np.array(velocities)
     begin = begin._replace(velocity=velocities, quaternion=np.repeat(begin.quaternion, len(velocities), axis=0))
-    return plan, begin, stretches_of(LOAD, 0, 2, 0.05)
+    return plan, begin, segments_of(LOAD, 0, 2, 0.05)
 
 
 def test_jumps_cost_no_order():
@@ -69,7 +69,7 @@ def test_jumps_cost_no_order():
     scheme = INTEGRATORS["continuous"](rtol=1e-12, atol=1e-14)
     truth = nt.integrate(BODY, times=[2.0], integrator=scheme, load=LOAD, **W).directors[-1]
     plan, begin, _ = started("gauss", 4, "end")
-    runs = [integrated(plan, begin, stretches_of(LOAD, 0, 2, h)) for h in (0.04, 0.02)]
+    runs = [integrated(plan, begin, segments_of(LOAD, 0, 2, h)) for h in (0.04, 0.02)]
     errors = [abs(run.directors[-1] - truth).max() for run in runs]
     assert errors[0] / errors[1] == pytest.approx(16, rel=0.2)
     with pytest.warns(UserWarning, match="off the grid of step"):
@@ -117,10 +117,10 @@ def test_propagator_grids(name):
 
 @pytest.mark.parametrize(("after", "name"), thinned(3, [2, 3, 4], STEPPING))
 def test_interrupted_grid(name, after, monkeypatch, tmp_path):
-    """Stopped inside a stretch and at the end of one, with the step left open; from a file to round-off."""
+    """Stopped inside a segment and at the end of one, with the step left open; from a file to round-off."""
     how = {"t_end": 2, "load": LOAD, "integrator": name, "order": 2}
     whole, sound, calls = nt.integrate(BODY, **W, **how), stack_march.StackMarch._run, []
-    numbers = whole.stretches.numbers
+    numbers = whole.segments.numbers
 
     def struck(*arguments):
         calls.append(1)
@@ -150,18 +150,18 @@ def test_interrupted_grid(name, after, monkeypatch, tmp_path):
 def test_given_step_is_constant():
     with says(UserWarning):
         run = nt.integrate(BODY, t_end=2, step=0.1, load=LOAD, **W)
-    assert run.stretches == stretched((0.0, 2.0), (20,))
-    assert "stretches" not in run.record()
+    assert run.segments == segmented((0.0, 2.0), (20,))
+    assert "segments" not in run.record()
 
 
-def test_the_record_tells_the_stretches():
+def test_the_record_tells_the_segments():
     run = nt.simulate(BODY, t_end=2, load=LOAD, tolerance=1e-8, **W)
-    record = json.loads(run.attrs["stretches"])
+    record = json.loads(run.attrs["segments"])
     assert set(LOAD.breakpoints) <= set(record["borders"])
     assert run.time.values[record["numbers"]].tolist() == record["borders"]
     for damaged in ("{", '{"borders": [0, 1], "numbers": [0]}', '{"borders": [1, 0], "numbers": [0, 3]}'):
-        with pytest.raises(ValueError, match=r"the attribute stretches of start= is damaged"):
-            nt.simulate(BODY, t_end=3, start=run.assign_attrs(stretches=damaged))
+        with pytest.raises(ValueError, match=r"the attribute segments of start= is damaged"):
+            nt.simulate(BODY, t_end=3, start=run.assign_attrs(segments=damaged))
 
 
 def test_indistinguishable_kinks():
@@ -174,7 +174,7 @@ def test_indistinguishable_kinks():
 
 def test_short_pulse():
     load = nt.pulse((1, 0, 0), 50, 50.001, shape="half-sine")
-    grid = stretches_of(load, 0.0, 100.0, 1.0)
+    grid = segments_of(load, 0.0, 100.0, 1.0)
     assert (grid.numbers, grid.longest) == ((0, 50, 70, 120), 1.0)
-    assert stretches_of(load + nt.sine((1, 0, 0), 0.5), 0.0, 100.0, 1.0).numbers == (0, 500, 520, 1020)
-    assert stretches_of(load, 0.0, 100.0, 2.0, even=True, higher=5).numbers == (0, 26, 30, 56)
+    assert segments_of(load + nt.sine((1, 0, 0), 0.5), 0.0, 100.0, 1.0).numbers == (0, 500, 520, 1020)
+    assert segments_of(load, 0.0, 100.0, 2.0, even=True, higher=5).numbers == (0, 26, 30, 56)

@@ -231,6 +231,8 @@ SENTENCES |= {
     "they are",
     "dates-apart": "by their dates the recordings begin {hours:.3g} hours apart, and their angular speeds do not align "
     "them: are they of one trial? {option[clocks='shift']} says what the speeds lack",
+    "spaces-apart": "both sensors move as one if the second is turned by {angle:.3g}° in space (correlation {best:.3f},"
+    " else {alike:.3f}): their headings differ, and the twist is wrong; reset both in one pose",
     "clocks-unlike": "the angular speeds correlate by {alike:.2f}: nothing shows that the times are of one clock; "
     "{option[clocks='shift']} looks for a shift, {option[clocks='shared']} takes the times as they are",
     "no-overlap": "the recordings do not overlap: {first:.6g} s to {last:.6g} s, and {other_first:.6g} s to "

@@ -20,6 +20,7 @@ from nontwist.fitting.telling import beyond_the_wall, quantile, to_the_wall
 from nontwist.fitting.unknowns import TRACELESS, Model, entries
 from nontwist.recordings.headers import ACCELEROMETER, GYROSCOPE, rate_unit
 from nontwist.recordings.headers import sensors as three_axes
+from nontwist.recordings.reading import Rates
 from nontwist.runfile import read_run_file
 from refusals import refused, refused_as, said, warned
 
@@ -270,6 +271,17 @@ def test_coarse_peaks_are_not_saturated(step):
     """Where 4 to 10 readings in a row are the largest, as at the top of a smooth rate."""
     time, rates = free_part()
     assert farthest(whole((time, np.round(rates / step) * step)), PHONE / np.trace(PHONE)) < 4
+
+
+def test_zeros_amid_motion_are_lost():
+    """Three rows of them in a row; not those at an end, nor of a body at rest before it is thrown."""
+    time, rates = free_part()
+    rates = np.where(np.isin(np.arange(231), [40, 41, 42, 230])[:, None], 0, rates)
+    found = Rates(time, rates, "it", ()).cleaned()
+    assert np.array_equal(found.time, np.delete(time, [40, 41, 42]))
+    assert [(one.code, one.fields["rows"]) for one in found.warnings] == [("missing-rates", "3 rows")]
+    slow = np.outer(np.maximum(abs(time - time[115]) - 0.1, 0), [1, 2, 3])
+    assert not Rates(time, slow, "it", ()).cleaned().left_out
 
 
 def test_twelve_samples_are_enough():

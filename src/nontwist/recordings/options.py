@@ -215,7 +215,7 @@ SENTENCES |= {
     "speed-unit": "unknown unit of speed {unit!r}: unit= among the settings of the rotor is one of {units}",
     "speed-unit-stated": "the column {names!r} states {stated}, but the rotor has unit={unit}" + OMIT,
     "no-speed": "a run has no column {speed!r}; give the speed of the rotor as a number, rad/s",
-    "missing-rates": "dropped {rows} without finite numbers, the first is {place}",
+    "missing-rates": "dropped {rows} without finite numbers, or of zeros amid motion, the first is {place}",
     "fast": "angular velocities of up to {fastest:.4g} rad/s exceed those of common gyroscopes: is the unit right?",
     "lengths": "there are {attitudes} attitudes and {rates} angular velocities: both need the same times",
     # two recordings

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..analysis.variables import Described, assembled, labelled
 from ..errors import InputError, InputWarning
@@ -36,6 +37,7 @@ BINARY = {".npy", ".npz", ".mat", ".c3d", ".bag", ".mcap", ".db3", ".nc", ".nc4"
 SHARE = 0.5  # of the free memory that a file may have
 FASTEST = 80.0  # rad/s, 4600 °/s: more than common gyroscopes measure
 FEWEST = 12  # samples
+JUMP = 3.0  # times the largest steps: beyond it zeros are lost rows
 COLUMNS = ("time", "rates", "acceleration", "speed", "quaternions")
 
 
@@ -172,13 +174,26 @@ class Rates:
         """
         if self.quaternions is not None and len(self.quaternions) != len(self.time):
             raise InputError("lengths", attitudes=len(self.quaternions), rates=len(self.time))
-        good = np.asarray(np.isfinite(self.rates).all(axis=1))
+        good = np.asarray(np.isfinite(self.rates).all(axis=1)) & ~_zeros_in_motion(self.rates)
         rows, said = kept_rows(self.time, good, lines, "missing-rates", "a fit", FEWEST)
         if (fastest := float(abs(self.rates[rows]).max())) > FASTEST:
             said.append(InputWarning("fast", fastest=fastest))
         columns = {name: getattr(self, name) for name in COLUMNS}
         kept: dict[str, Any] = {name: one[rows] for name, one in columns.items() if one is not None}
         return replace(self, **kept, left_out=len(good) - len(rows), warnings=tuple(said))
+
+
+def _zeros_in_motion(rates: Array) -> NDArray[np.bool_]:
+    """Whether rows are zeros in place of lost ones: a body neither stops nor goes on within one step."""
+    zero = np.asarray(~rates.any(axis=1))
+    steps = np.linalg.norm(np.diff(rates, axis=0), axis=1)
+    others = steps[np.isfinite(steps) & ~zero[1:] & ~zero[:-1]]
+    most = JUMP * float(np.quantile(others, 0.99)) if others.size else np.inf
+    far, lost = np.concatenate([[False], steps > most, [False]]), np.zeros(len(rates), dtype=bool)
+    runs = np.flatnonzero(np.diff(np.concatenate([[False], zero, [False]]))).reshape(-1, 2)
+    for first, last in runs[far[runs].all(axis=1)]:
+        lost[first:last] = True
+    return lost
 
 
 def read_rates(

@@ -9,16 +9,24 @@ J3 W3 Ω e_z × d3, and the moment of the weight m g l e_z × d3: equal for this
 """
 
 from dataclasses import replace
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from nontwist import DirectorSystem, heavy_top, inertia, simulate
+from nontwist.models.bodies import BODIES, BodyKind
+from nontwist.spec import Spec
 
 
-def wheel(mass: float, radius: float, width: float, arm: float, gravity: ArrayLike = (0, 0, -9.81)) -> DirectorSystem:
+def wheel(
+    mass: float,
+    radius: Annotated[float, Spec("of the wheel, a cylinder about the third director", unit="m", rule="positive")],
+    width: Annotated[float, Spec("of the wheel", unit="m", rule="positive")],
+    arm: Annotated[float, Spec("from the fixed point to the centre of the wheel", unit="m")],
+    gravity: ArrayLike = (0, 0, -9.81),
+) -> DirectorSystem:
     """Return a solid wheel on a light axle, held in a point of the axle, under gravity.
 
     Parameters
@@ -43,6 +51,9 @@ def wheel(mass: float, radius: float, width: float, arm: float, gravity: ArrayLi
     centre = (0, 0, arm)
     J = inertia.shift(inertia.of_cylinder(mass, radius, width), mass, centre)
     return replace(heavy_top(J, mass, centre, gravity), name="wheel")
+
+
+BODIES["wheel"] = BodyKind(wheel, "wheel on an axle", {"mass": 2.0, "radius": 1.2, "width": 0.2, "arm": 0.2})
 
 
 def main() -> None:

@@ -15,7 +15,7 @@ from __future__ import annotations
 import inspect
 import textwrap
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import MISSING, dataclass, fields, is_dataclass
 from functools import cache
 from types import UnionType
 from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
@@ -54,11 +54,14 @@ class Spec:
 
 
 @cache
-def specs(cls: Any) -> dict[str, tuple[Any, Any, Spec]]:
-    """Return the type, the default and the description of each field of a dataclass that has a description."""
-    hints = get_type_hints(cls, include_extras=True)
-    described = ((one, get_args(hints[one.name])) for one in fields(cls) if get_origin(hints[one.name]) is Annotated)
-    return {one.name: (kind, one.default, spec) for one, (kind, spec) in described}
+def specs(owner: Any) -> dict[str, tuple[Any, Any, Spec]]:
+    """Return type, default and description of the fields of a dataclass, or parameters of a function, that have one."""
+    hints, parameters = get_type_hints(owner, include_extras=True), inspect.signature(owner).parameters.values()
+    defaults = {one.name: MISSING if one.default is one.empty else one.default for one in parameters}
+    if is_dataclass(owner):
+        defaults = {one.name: one.default for one in fields(owner)}
+    described = ((name, get_args(hints.get(name))) for name in defaults if get_origin(hints.get(name)) is Annotated)
+    return {name: (kind, defaults[name], spec) for name, (kind, spec) in described}
 
 
 def as_specified(record: Any, name: str) -> Any:

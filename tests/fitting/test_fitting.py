@@ -265,6 +265,13 @@ def test_saturated_gyroscope_of_slow_body():
         whole((30 * time, np.maximum(rates, -12.768) / 30))
 
 
+@pytest.mark.parametrize("step", [0.005, 0.02, 0.05])
+def test_coarse_peaks_are_not_saturated(step):
+    """Where 4 to 10 readings in a row are the largest, as at the top of a smooth rate."""
+    time, rates = free_part()
+    assert farthest(whole((time, np.round(rates / step) * step)), PHONE / np.trace(PHONE)) < 4
+
+
 def test_twelve_samples_are_enough():
     require_turning(Model(), np.arange(12.0), np.tile([0, 0, 0.1], (12, 1)), "it")
 

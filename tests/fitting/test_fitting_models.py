@@ -561,6 +561,19 @@ test_wrong_rotors = refused_as(
 )
 
 
+@pytest.mark.parametrize(("every", "step", "count"), [(4, 0, 100), (1, 0.5, 400), (1, 10, 400), (400, 0, 400)])
+def test_held_readings_of_speed(every, step, count):
+    """Each of them counts once; those of a constant speed, or that repeat because they are rounded, all count."""
+    times = np.arange(400) / 200
+    readings = 300 + 150 * np.sin(3 * times[np.arange(400) // every * every])
+    readings = np.round(readings / step) * step if step else readings
+    speed = as_speed(times, readings)
+    assert len(speed.time) == count
+    expected = readings[0] if every == 400 else 300 + 150 * np.sin(3 * times)
+    of_lines = 150 * 3**2 * (2 / 32) ** 2 / 8  # between knots; held readings are late by 3.4 rad/s on average
+    assert abs(speed.at(times) @ speed.values - expected)[: 401 - every].max() < max(step, of_lines)
+
+
 def test_columns_without_speed(tmp_path):
     path = csv(tmp_path / "wheel.csv", f"{HEADER},wheel", *spun())
     for code, changed in (

@@ -40,6 +40,7 @@ from nontwist import (
     with_gravity,
 )
 from nontwist.analysis import OBSERVABLES, Observable
+from nontwist.errors import RunFileError
 from nontwist.inertia import euler_inertia
 from nontwist.integrators import INTEGRATORS
 from nontwist.integrators.integrator import Integrator
@@ -150,6 +151,54 @@ def test_sweep_of_a_body(at_once, write, tmp_path):
         assert many.material_angular_velocity[i].values == pytest.approx(run.material_angular_velocity[-1].values)
 
 
+WHEEL = """
+body = { kind = "wheel", mass = 2.0, radius = 0.3, width = 0.02, arm = 0.2 }
+start.angular_velocity.body = [0, 1, 60]
+time = { t_end = 0.5, step = 0.0625 }
+[sweep]
+variables = ["angular_velocity"]
+[[sweep.over]]
+key = "body.radius"
+kind = "list"
+values = [0.25, 0.35]
+"""
+WRONG_WHEELS = {
+    "body.radios=0.3": "body.radios: unknown key -> did you mean radius? known are kind, inertia, axis, mass",
+    "body.radius=-1": "body.radius: -1 -> a positive number, m: of the wheel, a cylinder about the third director",
+    "body.radius=1e-30": "body.radius: 1e-30 (inertia",
+    "body.inertia=[1, 1, 1]": 'body.inertia: [1, 1, 1] -> left out for kind = "wheel"',
+    "body.centre_of_mass=[0, 0, 1]": 'body.centre_of_mass: [0.0, 0.0, 1.0] -> left out for kind = "wheel"; "heavy_top"',
+    "body.axis='x'": 'body.axis: [1.0, 0.0, 0.0] -> left out for kind = "wheel"; "suslov" takes an axis',
+}
+
+
+def test_keys_of_a_body(write, tmp_path):
+    """Parameters that no other kind has are keys of run files and sweeps, with their words and units."""
+    with patch.dict(BODIES):
+        example("body")
+        written, make = write(WHEEL), BODIES["wheel"].make
+        how = {"t_end": 0.5, "step": 0.0625, "material_angular_velocity": (0, 1, 60)}
+        found = simulate(read_run_file(written).problem)
+        assert np.array_equal(found.directors, simulate(make(2, 0.3, 0.02, 0.2), **how).directors)
+        fall = simulate(read_run_file(written, ["body.gravity=[0, 0, -1.62]"]).problem)
+        assert np.array_equal(fall.directors, simulate(make(2, 0.3, 0.02, 0.2, (0, 0, -1.62)), **how).directors)
+        for change, fault in WRONG_WHEELS.items():
+            assert problems_of(written, change)[0].startswith(fault), problems_of(written, change)
+        with pytest.raises(RunFileError, match=r"body\.arm: missing -> a number, m: from the fixed point"):
+            read_run_file(write(WHEEL.replace(", arm = 0.2", "")))
+        standard_body = WHEEL.replace('"wheel"', '"standard", inertia = [1, 1, 1]').partition("[sweep]")[0]
+        with pytest.raises(RunFileError, match=r'body.radius: unknown key .* it belongs to kind = "wheel"'):
+            read_run_file(write(standard_body))
+        many = sweep(write(WHEEL), tmp_path / "store", workers=1)
+        assert many["body.radius"].attrs["units"] == "m"
+        for i, radius in enumerate((0.25, 0.35)):
+            run = simulate(make(2, radius, 0.02, 0.2), **how)
+            assert many.angular_velocity[i].values == pytest.approx(run.angular_velocity[-1].values)
+        own = json_schema()["properties"]["body"]["anyOf"][1]
+        assert own["properties"]["arm"]["description"] == "a number, m: from the fixed point to the centre of the wheel"
+        assert {"radius", "width", "arm"} <= {*own["required"]}
+
+
 @pytest.mark.usefixtures("newcomers")
 def test_words_in_viewer_and_figure(written):
     told = content(simulate(read_run_file(written).problem))
@@ -189,6 +238,19 @@ def test_validate_under_gravity():
     sample = {"inertia": SAMPLES["suslov"].convected_inertia, "mass": 1.2, "centre_of_mass": [0.1, -0.2, 0.6]}
     with patch.dict(BODIES, gate=BodyKind(gate, "gate", sample)):
         assert validate("equations").holds
+
+
+def light():
+    return DirectorSystem(euler_inertia([3e-5, 4e-5, 5e-5]), name="light")
+
+
+@pytest.mark.long
+@patch.dict(BODIES)
+def test_validate_without_inertia():
+    """Bodies that take no inertia are checked as their samples are, under loads of their size."""
+    example("body")
+    BODIES["light"] = BodyKind(light, "light body", {})
+    assert validate("orders").holds
 
 
 @pytest.mark.long
@@ -444,7 +506,6 @@ def test_strict_types_of_pages(tmp_path):
 test_incomplete_entry = refused_as(
     {
         "key": lambda: BodyKind(strange, "disc", {}),
-        "inertia": lambda: BodyKind(lambda axis: axis, "disc", {}),
         "sample": lambda: BodyKind(standard, "disc"),
         "name": patch.dict(BODIES, disc=BodyKind(nameless, "disc", {"inertia": [3, 4, 5]}))(sample_bodies),
     },

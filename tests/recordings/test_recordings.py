@@ -142,6 +142,41 @@ def test_contradicting_gyroscope(motion, measured, factor, codes):
         same(read({"time (s)": T, **backwards(motion.inv()), **rates}), motion)
 
 
+def test_turns_lost_between_attitudes():
+    """At 50 Hz, of 45 turns a second; they look like five backwards, which no inverse and no other time explains."""
+    early, motion, late = (Rotation.from_euler("YZ", np.stack([np.sin(t), 90 * np.pi * t], axis=1)) for t in T + STEPS)
+    rates = vector("g{} (rad/s)", (early.inv() * late).as_rotvec() / 2e-4)
+    with warned("turns-lost") as told:
+        same(read({"time (s)": T, **backwards(motion.inv()), **rates}), motion)
+    assert told[0].fields["steps"] == "59 steps"
+    assert told[0].fields["most"] == pytest.approx(0.9, abs=1e-3)
+    with warned("time-contradicted"):
+        same(read({"time (s)": T, **backwards(R.inv()), **vector("g{} (rad/s)", np.degrees(GYR))}))
+
+
+ROUND = np.stack([(4 * T + 3) % (2 * np.pi) - np.pi, 0.3 * np.sin(T), 0.2 * T])  # rad, beyond half a turn
+ONCE = Rotation.from_rotvec(np.outer(4 * T + 1, [0.6, 0, 0.8]))
+
+
+@pytest.mark.parametrize(("values", "options", "codes"), [
+    (ROUND, {"euler": "ZYX", "angle_unit": "deg"}, ["short-angles"]),
+    (ROUND, {"euler": "ZYX", "angle_unit": "rad"}, []),
+    (ROUND / 2, {"euler": "ZYX", "angle_unit": "deg"}, []),
+    (ONCE.as_quat(canonical=True).T[:3], {"rotation_vector": True}, ["vector-of-quaternion"]),
+    (ONCE.as_rotvec().T, {"rotation_vector": True}, []),
+])  # fmt: skip
+def test_leaps_at_half_a_turn(values, options, codes):
+    with warned(*codes):
+        read({"t": T, **dict(zip("xyz" if "euler" not in options else ("yaw", "pitch", "roll"), values, strict=True))},
+            columns=None if "euler" in options else list("xyz"), **options)  # fmt: skip
+
+
+def test_units_of_single_angles():
+    for unit, code in ((" (rad)", "angle-units"), ("", "angle-unit-stated")):
+        with refused(code):
+            read({"t": T, "yaw (deg)": T, f"pitch{unit}": T, f"roll{unit}": T}, euler="ZYX", angle_unit="rad")
+
+
 def test_twenty_blocks_of_many_rows():
     given = evidence_of(Table(), 60_000, None)
     assert np.array_equal(given.rows, (np.linspace(0, 59_000, 20).astype(int)[:, None] + np.arange(1000)).ravel())

@@ -320,6 +320,16 @@ def test_loose_shake():
     assert 0.9 < told.value.fields["correlation"] < SURE
 
 
+@pytest.mark.parametrize("heading", [0, 2, 20])
+def test_headings_of_their_own(heading):
+    """Known to 4° from sensors that are shaken together."""
+    trial = shaken(1)
+    trial = trial._replace(arm=Rotation.from_rotvec([0, 0, np.radians(heading)]) * trial.arm)
+    with warned("not-covered", *["spaces-apart"] * (heading > 4)) as told:
+        trial.twist(clocks="shift", shake=(1, 4))
+    assert [one.fields["angle"] for one in told[1:]] == pytest.approx([heading] * (heading > 4), abs=0.5)
+
+
 def test_repeating_motion():
     t = np.arange(0, 60, 0.02)
     arm = Rotation.from_rotvec(np.outer(np.sin(2 * t) + 0.1 * np.sin(t), [0.3, 0.2, 0.5]))

@@ -26,8 +26,8 @@ SINE = '[[load]]\nkind = "sine"\nframe = "body"\namplitude = [1, 0, 0]\nfrequenc
 EXACT = '[integrator]\nname = "exact"\n'
 SWEPT = '[sweep]\nover = [{ key = "body.inertia.0", kind = "grid", start = 3, end = 4, count = 3 }]\n'
 MANY = (
-    "the closed-form solution needs about 5e+08 subintervals of the load, at most 1e+06 are allowed; a frequency of "
-    "2e+05 Hz would do, or the integrator split"
+    "the closed-form solution needs about 5e+08 subintervals of the load, at most 1e+06 are allowed; a "
+    "frequency of 2e+05 Hz would do, or the integrator split"
 )
 FREE, PUSH = NONTWISTING, {"angular_velocity": [1, 0, 0], "integrator": "exact"}
 

@@ -68,6 +68,7 @@ IDEAL = np.array([0.0, 0, 0, 1, 0, 0, 0, 1, 1, 1, 0])
 WIDE = {"misalignment": 0.2, "axis_scales": 0.05, "delay": 0.05}  # standard deviations before anything is known
 TURN = 0.5  # rad: a delay that turns the body by more is none of a sensor
 ARC, ATTITUDES = 0.4, 4  # rad to each side of a sample, and samples, whose attitudes give its angular velocity
+HELD, COARSE = 0.5, 4.0  # of all readings, at most, that differ from the one before, by how many steps of rounding
 MOST, EXACT = 64, 1e-6  # intervals of a speed; of the largest: noise at least
 READINGS, AHEAD = 4, 2  # readings at least; halvings of the intervals that the tachometer asks for
 SHARED = ("time_column", "body", "time_unit", "rate")  # settings of columns that attitudes have as well
@@ -304,8 +305,15 @@ def triangle(A: Array) -> Array:
 
 
 def as_speed(time: Array, readings: Array) -> Speed:
-    """Return readings with knots that are enough for them; those that are not finite do not count."""
-    good = np.isfinite(readings)
+    """Return readings with knots that are enough for them; those that are held or not finite do not count.
+
+    A tachometer that is read less often than the gyroscope holds its last reading, which is late then. Where readings
+    repeat because they are rounded, they differ by a step or two.
+    """
+    leaps = abs(np.diff(readings))
+    moved = leaps[leaps > 0]
+    is_held = 0 < moved.size < HELD * readings.size and np.median(moved) > COARSE * moved.min()
+    good = np.isfinite(readings) & ~(is_held & np.append(False, leaps == 0))
     if good.sum() < READINGS:
         raise ValueError(f"{good.sum()} readings of the speed are too few; a fit needs {READINGS}")
     trials: list[Speed] = [of_knots(time[good], readings[good], time[[0, -1]])]

@@ -30,6 +30,7 @@ from .unknowns import Model, entries, symmetric
 UNIT = 1e-6  # how closely directions have the length 1
 CONSTRAINED = 1e4  # weight of a constraint on W, over that of a sample
 FEWEST, LEAST_TURN, MOST_TURN = 12, 1.0, 1.5  # samples; rad over all; rad from sample to sample
+TOP = 9  # steps by which readings fall, as far beyond equal ones at the top of a smooth rate as these extend
 PLATEAU, EQUAL = 4, 0.1  # equal largest values in a row that are no chance; share of other equal ones in coarse data
 WHITE = 5.0  # standard errors of a correlation that is none
 STRAY = 8.0  # times the noise: no noise
@@ -338,14 +339,26 @@ def require_turning(model: Model, time: Array, rates: Array, where: str) -> None
 
 
 def require_unsaturated(time: Array, rates: Array, where: str) -> None:
-    """Raise a ValueError where an axis has reached its largest reading."""
+    """Raise a ValueError where an axis has reached its largest reading.
+
+    Readings in steps of g repeat at the top of a smooth rate as well, where this is within h ≤ g of its level. It is a
+    parabola there: as far beyond the readings that repeat as these extend, it has fallen by 8 h at most, and what is
+    read by another g of rounding. A rate that is cut off falls from there as steeply as it rose.
+    """
     speed = np.linalg.norm(rates, axis=1)
     for axis, column in zip("xyz", rates.T, strict=True):
+        apart = np.diff(np.unique(column))
+        step = apart[apart > 1e-9 * speed.max()].min(initial=np.inf)
         for level in (column.max(), column.min()):
             at = np.flatnonzero(column == level)
             others = (np.diff(column) == 0) & (column[1:] != level)
             borders = np.flatnonzero(np.concatenate([[True], np.diff(at) != 1, [True]]))
-            if np.diff(borders).max() >= PLATEAU and others.mean() < EQUAL and abs(level) > 0.5 * speed.max():
+            longest = int(np.argmax(np.diff(borders)))
+            first, last = int(at[borders[longest]]), int(at[borders[longest + 1] - 1])
+            beyond = np.clip([2 * first - last, 2 * last - first], 0, len(column) - 1)
+            is_cut = abs(column[beyond] - level).max() > TOP * step
+            is_long = last - first + 1 >= PLATEAU and others.mean() < EQUAL
+            if is_cut and is_long and abs(level) > 0.5 * speed.max():
                 raise ValueError(
                     f"{where}: the gyroscope is saturated: {len(at)} samples of axis {axis} read {level:.6g} rad/s, "
                     f"the first at t = {time[at[0]]:.6g} s; turn the body more slowly, or give the sensor a larger "

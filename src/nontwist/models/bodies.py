@@ -21,6 +21,7 @@ from ..errors import warn
 from ..geometry.arrays import Array, as_array, as_axis, as_positive
 from ..geometry.values import hinted, short_repr
 from ..machine import cached_property
+from ..spec import Spec, specs
 from .spin import Spin
 from .system import DirectorSystem, as_system, convected_inertia, euler_inertia, keep, require_mass, require_principal
 
@@ -269,8 +270,9 @@ class BodyKind:
     Attributes
     ----------
     make : callable
-        Returns a `DirectorSystem` whose name is the key of this entry. Its parameters are keys of a run file:
-        `inertia`, and any of `axis`, `mass`, `centre_of_mass`, `gravity`, `spin`, `physical`. Parameters with a
+        Returns a `DirectorSystem` whose name is the key of this entry. Its parameters are keys of a run file: any of
+        `inertia`, `axis`, `mass`, `centre_of_mass`, `gravity`, `spin`, `physical`, and others whose annotation
+        describes them, as ``Annotated[float, Spec("of the wheel", unit="m", rule="positive")]``. Parameters with a
         default are optional there.
     words : str
         Its name in the viewer and in `nontwist validate`.
@@ -286,7 +288,7 @@ class BodyKind:
     Raises
     ------
     ValueError
-        `make` has no parameter `inertia`, or one that is not a key of run files.
+        `make` has a parameter that is neither a key of run files nor described.
     """
 
     make: Callable[..., DirectorSystem]
@@ -296,15 +298,21 @@ class BodyKind:
     at_once: Callable[[Array], Array] | None = None
 
     def __post_init__(self) -> None:
-        unknown = [key for key in self.takes if key not in KEYS]
-        if unknown or "inertia" not in self.takes:
-            what = f"takes {unknown[0]!r}, which is not a key of [body]" if unknown else "takes no inertia"
-            raise ValueError(f"{self.words!r} {what}: a body accepts inertia and any of {', '.join(KEYS[1:])}")
+        if unknown := [key for key in self.takes if key not in KEYS and key not in self.own]:
+            raise ValueError(
+                f"{self.words!r} takes {unknown[0]!r}, which is not a key of [body]: a body accepts any of "
+                f"{', '.join(KEYS)}; describe another, as {unknown[0]}: Annotated[float, Spec(...)]"
+            )
 
     @cached_property
     def takes(self) -> tuple[str, ...]:
         """The parameters of `make`."""
         return tuple(signature(self.make).parameters)
+
+    @cached_property
+    def own(self) -> dict[str, tuple[Any, Any, Spec]]:
+        """Type, default and description of the parameters of `make` that other kinds do not have."""
+        return {name: one for name, one in specs(self.make).items() if name not in KEYS}
 
     @cached_property
     def has_default(self) -> frozenset[str]:

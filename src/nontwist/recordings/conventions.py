@@ -32,6 +32,7 @@ from numpy.typing import NDArray
 from ..errors import InputError, InputWarning, warn
 from ..geometry.arrays import Array
 from ..geometry.attitudes import quaternion_product
+from ..geometry.values import counted
 from ..units import RATE, TIME
 from .headers import ACCELEROMETER, rate_unit, sensors
 from .headers import GYROSCOPE as GYROSCOPES
@@ -48,6 +49,7 @@ FAR, LITTLE = 5.0, 1e-3  # nor by less than that, or than so many times the best
 SAME_ATTITUDE = 1e-9  # by which the product of quaternions of readings that give the same may differ from 1
 SURE = 0.9  # the agreement that takes a reading in place of the stated one
 FITS, MOUNTED = 0.7, 0.95  # least agreement with a gyroscope, and with one whose axes are turned
+CLOSE = 0.5  # rad by which steps may differ from a gyroscope that tells how many turns they have lost
 FACTOR = 0.1  # by which times may disagree with a gyroscope
 GYROSCOPE, SPIN, OTHER, GRAVITY = "gyroscope", "angular velocity", "other form of the orientation", "gravity"
 CONJUGATE = np.array([-1.0, -1.0, -1.0, 1.0])
@@ -112,7 +114,11 @@ class Evidence:
     time: Array
 
     def steps(self, what: str, quat: Array) -> tuple[Array, Array, Array]:
-        """Return turns between neighbouring rows, the rates that were measured there, and what turns these make."""
+        """Return turns between neighbouring rows, the rates that were measured there, and what turns these make.
+
+        The turns are at most half a turn, or more by the whole turns that are lost between attitudes by the gyroscope,
+        where these bring most of them close to what it measured; by a wrong unit they would not.
+        """
         good = known(quat, self.beside[what], self.time[:, None])
         q, rates, near = quat[good], self.beside[what][good], np.diff(self.places[good]) == 1
         q = q * CONJUGATE if what == SPIN else q
@@ -120,7 +126,14 @@ class Evidence:
         size = np.linalg.norm(q[:, :3], axis=1, keepdims=True)
         turned = q[:, :3] * (2 * np.arctan2(size, abs(q[:, 3:])) / np.maximum(size, 1e-300)) * np.copysign(1, q[:, 3:])
         measured = (rates[1:] + rates[:-1])[near] / 2
-        return turned, measured, measured * np.diff(self.time[good])[near, None]
+        ahead = measured * np.diff(self.time[good])[near, None]
+        angle, far = np.linalg.norm(turned, axis=1, keepdims=True), np.linalg.norm(ahead, axis=1) > np.pi
+        if far.sum() >= FEWEST:
+            axis = turned / np.maximum(angle, 1e-300)
+            whole = turned + axis * 2 * np.pi * np.rint(((ahead * axis).sum(axis=1, keepdims=True) - angle) / 2 / np.pi)
+            is_lost = np.median(np.linalg.norm(whole - ahead, axis=1)[far]) < CLOSE
+            turned = np.where(far[:, None] & is_lost, whole, turned)
+        return turned, measured, ahead
 
     def agreement(self, what: str, quat: Array) -> tuple[float, float]:
         """Return how well attitudes agree with what is beside them, 1 at best; with rates, also in direction alone."""
@@ -253,6 +266,10 @@ def time_unit(reading: Reading, given: Evidence, has_unit: bool) -> tuple[float,
     if GYROSCOPE not in given.beside:
         return 1.0, ()
     turned, _, ahead = given.steps(GYROSCOPE, reading.quaternions(given.rows))
+    whole = np.linalg.norm(turned, axis=1) / (2 * np.pi)
+    if whole.max(initial=0.0) > 0.501:
+        _warn("turns-lost", steps=counted(int((whole > 0.501).sum()), "step"), most=float(whole.max()))
+        return 1.0, ()
     if len(turned) < FEWEST - 1 or cosine(turned, ahead) < SURE or np.linalg.norm(turned, axis=1).sum() < TURNS:
         return 1.0, ()
     factor = float((turned * ahead).sum() / (ahead * ahead).sum())

@@ -145,6 +145,11 @@ SENTENCES |= {
     "angles": "the columns {three} are angles: {option[euler]} gives their order, as ZYX about moving, zyx fixed axes",
     "angle-unit-stated": "the columns {three} state {stated}, but {option[angle_unit]} is {unit}" + OMIT,
     "no-angle-unit": "the columns {three} do not state the unit of their angles: {option[angle_unit]} is deg or rad",
+    "angle-units": "the columns {three} state different units: convert one",
+    "short-angles": "the columns {three} hold up to {longest:.4g} deg, and leap by 2π: if they are rad, "
+    "{option[angle_unit]} is rad, or the header that states deg is to be corrected",
+    "vector-of-quaternion": "the columns {three} are no longer than 1, and reverse there: they look like three of a "
+    "quaternion, not like a rotation vector: compute the fourth from them, √(1 - x² - y² - z²)",
     "long-angles": "the columns {three} hold up to {longest:.4g} rad, more than a turn: if they are degrees, "
     "{option[angle_unit]} is deg, or the header that states rad is to be corrected",
     "several-readings": "several readings are possible ({readings}): state the one that is meant: "
@@ -180,6 +185,8 @@ SENTENCES |= {
     "day-or-month": "the column {name!r} holds {value!r}, where day and month cannot be distinguished: {why}; write "
     "dates like " + TIMES,
     "time-contradicted": "by the gyroscope, times are to be multiplied by {factor:.3g}: its unit or theirs is wrong",
+    "turns-lost": "by the gyroscope the body turns by up to {most:.3g} turns from one attitude to the next, by more "
+    "than half a turn in {steps}: whole turns are lost, and the twist is wrong; record attitudes at a higher rate",
     "time-length": "the time has {times} values, the orientation {count}",
     "time-shape": "{name} must have the shape ({count},) as the motion has {count} samples, got {shape}",
     "no-time": "it has no time column; {option[rate=HZ]} gives times, {option[time_column]} names one",
@@ -224,6 +231,8 @@ SENTENCES |= {
     "they are",
     "dates-apart": "by their dates the recordings begin {hours:.3g} hours apart, and their angular speeds do not align "
     "them: are they of one trial? {option[clocks='shift']} says what the speeds lack",
+    "spaces-apart": "both sensors move as one if the second is turned by {angle:.3g}° in space (correlation {best:.3f},"
+    " else {alike:.3f}): their headings differ, and the twist is wrong; reset both in one pose",
     "clocks-unlike": "the angular speeds correlate by {alike:.2f}: nothing shows that the times are of one clock; "
     "{option[clocks='shift']} looks for a shift, {option[clocks='shared']} takes the times as they are",
     "no-overlap": "the recordings do not overlap: {first:.6g} s to {last:.6g} s, and {other_first:.6g} s to "

@@ -32,6 +32,7 @@ MARKERS = 3  # that determine an attitude
 IDENTITY = 1e-6  # a first row closer to no rotation than this says where the scalar is
 
 MEASURED = 1e-2  # by which recorded rotations, which are rounded, may be off
+LEAP = 0.2  # by which a leap at half a turn may be off, which a body that turns makes less
 RARE = 0.1  # of all rows: so few that are no rotations are missing
 JUMP = 3.0  # times the largest steps: beyond it an exact identity is none
 STEADY = 0.75  # of the speed around: what a body that has not stopped for a row keeps, and one that has does not
@@ -258,18 +259,17 @@ def _angles(
 ) -> list[Reading]:
     """Return the ways in which three columns can be read: as stated, and in orders that something beside them tells."""
     stated, names = of_file or headers.angle_unit(three), ", ".join(three)
-    if stated is not None and how.angle_unit not in (None, stated):
-        raise InputError("angle-unit-stated", three=names, stated=stated, unit=how.angle_unit)
+    units = {of_file or headers.angle_unit([one]) for one in three} - {None}
+    if len(units) > 1:
+        raise InputError("angle-units", three=names)
+    if how.angle_unit is not None and units - {how.angle_unit}:
+        raise InputError("angle-unit-stated", three=names, stated=units.pop(), unit=how.angle_unit)
     is_decided, is_form = GYROSCOPE in given.beside or OTHER in given.beside, bool(how.euler or how.rotation_vector)
     if not (is_form or is_decided):
         raise InputError("angles", three=names)
     unit = how.angle_unit or stated or ("rad" if how.rotation_vector else None)
-    if unit == "rad" and not is_decided:
-        values, order = table.vectors(three), 2 if how.rotation_vector else np.inf
-        values = values[(values != values[:, :1]).any(axis=1)]  # no sentinels
-        longest = float(np.fmax.reduce(np.linalg.norm(values, axis=1, ord=order), initial=0))
-        if longest > 2 * np.pi:
-            warnings.warn(InputWarning("long-angles", three=names, longest=longest), stacklevel=2)
+    if unit is not None and not is_decided:
+        _warn_of_unit(table.vectors(three), names, unit, how.rotation_vector)
     if unit is None and not is_decided:
         raise InputError("no-angle-unit", three=names)
     told = how.angle_unit or of_file or (None if is_form else stated)
@@ -292,6 +292,27 @@ def _angles(
         is_allowed, own = is_free and told in (None, one), np.radians(grid) if one == "deg" else grid
         readings.append(Reading(words, make, is_stated and one == unit, is_allowed, unlike=unlike, grid=own))
     return readings
+
+
+def _warn_of_unit(values: Array, names: str, unit: str, is_vector: bool) -> None:
+    """Warn of angles that have another unit than is stated, and of three of a quaternion in place of a vector.
+
+    Where an angle goes on from half a turn to minus half a turn, it leaps by 2π in rad. A quaternion whose scalar is
+    not negative leaps there from a vector of length 1 to the opposite one, a rotation vector from one of length π.
+    """
+    values = values[np.isfinite(values).all(axis=1) & (values != values[:, :1]).any(axis=1)]  # no sentinels
+    lengths = np.linalg.norm(values, axis=1, ord=2 if is_vector else np.inf)
+    longest, code = float(lengths.max(initial=0)), None
+    if unit == "rad" and longest > 2 * np.pi:
+        code = "long-angles"
+    elif is_vector and unit == "rad" and longest < 1 + MEASURED:
+        is_opposite = np.linalg.norm(values[1:] + values[:-1], axis=1) < LEAP
+        code = "vector-of-quaternion" if (is_opposite & (lengths[1:] > 1 - LEAP)).any() else None
+    elif not is_vector and unit == "deg" and longest < 2 * np.pi + MEASURED:
+        leaps = abs(abs(np.diff(values, axis=0)) - 2 * np.pi) < LEAP
+        code = "short-angles" if leaps.any() else None
+    if code is not None:
+        warnings.warn(InputWarning(code, three=names, longest=longest), stacklevel=3)
 
 
 def _of_angles(columns: Array, letters: str | None, in_degrees: bool, rows: Any) -> Array:

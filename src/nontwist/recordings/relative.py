@@ -45,6 +45,7 @@ that of the segment. In a pose in which the axes of the segment are those of spa
 for both sensors, if both report to the same space. The axis of the twist is then a direction of space in that pose: of
 an arm that hangs, the vertical. Without it, the axis is one of the sensor. The mounting of the second sensor does not
 change the twist about an axis of the first: a constant rotation from the left moves path and non-twisting frame as one.
+Sensors without a magnetometer have headings of their own; where two move as one, their turns in space show that.
 
 The pose is where both turn least, within one second, or where the caller says. Its attitude is the mean over it.
 """
@@ -73,6 +74,8 @@ MOVES = np.radians(3)  # a pose that turns by more is no rest
 HALF_HOUR, MOST_ZONES, DAY = 1800.0, 28, 86400.0  # s, of which time zones are whole numbers, up to 14 h
 CLOCKS, SECOND = ("shared", "shift", "drift"), "the second recording"
 CLOSE, SURE = 0.95, 0.97  # least correlation of recordings, and of those that were shaken together
+APART, SHAKEN_APART = 0.015, 0.0024  # by which turns agree less than in spaces of their own: cosines of 10° and 4°
+LITTLE = 0.01  # of the turns: weight of a space that is common to both
 ALIKE = 0.3  # least correlation of neighbouring segments on one clock, which move on their own
 OVERLAP = 0.3  # of the shorter recording that must overlap
 SHORTEST = 50  # samples
@@ -108,6 +111,8 @@ def relative_motion(
         bodies = _resampled(motion, beside, clocks, shake, order)
     else:
         bodies = samples(motion, beside)
+    if len(bodies) == 2:
+        bodies[0].notes.extend(_spaces_apart(bodies[0], bodies[1], shake))
     if align:
         bodies = _segments(bodies, static)
     found, *others = bodies
@@ -175,6 +180,26 @@ def _resampled(motion: Motion, beside: Motion, clocks: str | None, shake: Array 
         if against >= min(own):  # two bodies turn against each other as much as they turn
             raise InputError("relative-motion", shift=fit.shift)
     return [kept, replace(kept, quaternion=B.as_quat())]
+
+
+def _spaces_apart(a: Samples, b: Samples, shake: Array | None) -> list[InputWarning]:
+    """Return what is to be said where two bodies move as one, but each in a space of its own.
+
+    The turns of both in space, of which the second may be turned as fits best, then agree; as they are, they do not.
+    """
+    from scipy.spatial.transform import Rotation
+
+    counts = slice(None) if a.time is None else within(a.time, shake)[1:]
+    u, v = ((one.rotation[1:] * one.rotation[:-1].inv()).as_rotvec()[counts] for one in (a, b))
+    size = float(np.linalg.norm(u) * np.linalg.norm(v))
+    if len(u) < SHORTEST or size == 0:
+        return []
+    known = np.sqrt(LITTLE * size) * np.eye(3)  # decides what turns about one axis leave open
+    turn, _ = Rotation.align_vectors(np.concatenate([u, known]), np.concatenate([v, known]))
+    alike, best = float((u * v).sum() / size), float((u * turn.apply(v)).sum() / size)
+    if best < CLOSE or alike > best - (APART if shake is None else SHAKEN_APART):
+        return []
+    return [InputWarning("spaces-apart", angle=np.degrees(turn.magnitude()), alike=alike, best=best)]
 
 
 def _shift_by_speeds(a: Rotation, t: Array, b: Rotation, s: Array) -> float:

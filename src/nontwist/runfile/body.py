@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
+from functools import cache
+from inspect import signature
 from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, GetJsonSchemaHandler, create_model
+from pydantic_core import CoreSchema, core_schema
 
 from ..geometry.arrays import AXES, Array
-from ..models.bodies import BODIES, with_gravity
+from ..models.bodies import BODIES, KEYS, with_gravity
 from ..models.mesh import MassProperties, of_mesh
 from ..models.solids import of_cuboid, of_cylinder, of_ellipsoid, of_points, shift
 from ..models.system import DirectorSystem
+from ..spec import specs
 from .files import Fault, Folder, shown
-from .section import AN_AXIS, BY_FORM, Axis, Matrix, OneOf, Positive, Section, Vector, entry, words_of
+from .section import AN_AXIS, BY_FORM, Axis, Matrix, OneOf, Positive, Section, Vector, entry, key_of, words_of
 
 # Inertias made from a shape: `inertia = { cuboid = { mass = 2.0, lengths = [0.1, 0.2, 0.3] } }`.
 #
@@ -136,6 +140,9 @@ class MadeInertia(Section):
 
 MAKERS = [name for name in MadeInertia.model_fields if name != "offset"]
 GRAVITY = [0.0, 0.0, -9.81]
+OF_SOME = {"axis": "an axis", "physical": "physical", "spin": "a spin"}  # keys that some kinds take
+OF_WEIGHT = {"mass": "a mass", "centre_of_mass": "a centre of mass", "gravity": "gravity"}
+WEIGHT = tuple(OF_WEIGHT)
 
 
 class SpinTable(Section):
@@ -148,6 +155,7 @@ class SpinTable(Section):
 class Body(Section):
     """The body: its kind, its inertia about the fixed point, its spin, and its weight where gravity acts."""
 
+    error_key: ClassVar[str] = "inertia"
     kind: Annotated[str, OneOf(BODIES, " or ", open=True)]
     inertia: Annotated[Vector | Matrix | MadeInertia, BY_FORM] = entry(
         "inertia about the fixed point, {unit}: 3 principal values, 3 rows of 3 numbers, or a table like { cuboid = { "
@@ -174,30 +182,39 @@ class Body(Section):
         """The keys that this kind of body needs."""
         return BODIES[self.kind].takes
 
+    @property
+    def is_heavy(self) -> bool:
+        """Whether this kind of body has a weight of its own."""
+        return any(name in self.takes for name in WEIGHT)
+
     def unfit(self) -> Iterator[Fault]:
         """Yield keys that this kind of body, or of inertia, lacks or does not have."""
-        for name, others in (("axis", "an axis"), ("physical", "physical"), ("spin", "a spin")):
+        some = OF_SOME | (OF_WEIGHT if self.is_heavy else {})
+        for name, others in some.items():
             if name not in self.takes and (value := getattr(self, name)) is not None:
                 able = [f'"{kind}"' for kind, one in BODIES.items() if name in one.takes]
                 takes = f"{' and '.join(able)} take{'s' * (len(able) == 1)} {others}"
                 yield Fault(f"body.{name}", shown(value), f'left out for kind = "{self.kind}"; {takes}')
         if "axis" in self.takes and self.axis is None:
             yield Fault("body.axis", "missing", words_of(Body, "axis"))
-        weight = {name: getattr(self, name) for name in ("mass", "centre_of_mass")}
+        own = BODIES[self.kind].has_default if self.is_heavy else {"gravity"}
+        weight = {name: getattr(self, name) for name in WEIGHT if name in self.takes or not self.is_heavy}
         if isinstance(self.inertia, MadeInertia):
             if len(self.inertia.chosen) != 1:
                 given = f"a table with {' and '.join(self.inertia.chosen) or 'no shape'}"
                 yield Fault("body.inertia", given, f"a table with one of {', '.join(MAKERS)}")
             brought = "left out: the shape in body.inertia brings it"
-            yield from (Fault(f"body.{name}", shown(x), brought) for name, x in weight.items() if x is not None)
-        elif "mass" in self.takes or (self.gravity, *weight.values()) != (None, None, None):
-            for name in (name for name, value in weight.items() if value is None):
+            for name in ("mass", "centre_of_mass"):
+                if weight.get(name) is not None:
+                    yield Fault(f"body.{name}", shown(weight[name]), brought)
+        elif self.is_heavy or any(value is not None for value in weight.values()):
+            for name in (name for name, value in weight.items() if value is None and name not in own):
                 yield Fault(f"body.{name}", "missing", f"{words_of(Body, name)}, where gravity acts")
 
     def weight(self, folder: Folder) -> tuple[float, Array] | None:
         """Return mass and centre of mass where gravity acts, None where it does not."""
         if isinstance(self.inertia, MadeInertia):
-            if "mass" not in self.takes and self.gravity is None:
+            if not self.is_heavy and self.gravity is None:
                 return None
             made = self.inertia.made(folder)
             return made.mass, made.centre_of_mass
@@ -207,13 +224,60 @@ class Body(Section):
 
     def system(self, folder: Folder) -> DirectorSystem:
         """Return the body; a ValueError where no body has such numbers."""
-        J = self.inertia.made(folder).inertia if isinstance(self.inertia, MadeInertia) else np.array(self.inertia)
-        weight = self.weight(folder)
-        mass, centre = weight or (None, None)
-        heavy: dict[str, Any] = {"mass": mass, "centre_of_mass": centre, "gravity": self.gravity or GRAVITY}
-        spin = (self.spin.times, self.spin.values) if isinstance(self.spin, SpinTable) else self.spin
-        given = {"inertia": J, "axis": self.axis, "spin": spin, "physical": self.physical, **heavy}
-        kind = BODIES[self.kind]
-        own = {name for name in ("gravity", "spin", "physical") if getattr(self, name) is None} & kind.has_default
+        kind, weight, given = BODIES[self.kind], self.weight(folder), dict(self)
+        given["inertia"] = self.inertia.made(folder).inertia if isinstance(self.inertia, MadeInertia) else self.inertia
+        if isinstance(self.spin, SpinTable):
+            given["spin"] = self.spin.times, self.spin.values
+        if weight is not None:
+            given |= dict(zip(WEIGHT, (*weight, self.gravity or GRAVITY), strict=True))
+        own = {name for name in kind.has_default if getattr(self, name) is None}
         system = kind.make(**{name: given[name] for name in self.takes if name not in own})
-        return system if weight is None or "mass" in self.takes else with_gravity(system, **heavy)
+        if weight is None or self.is_heavy:
+            return system
+        return with_gravity(system, **{name: given[name] for name in WEIGHT})
+
+
+class Tables(Mapping[str, type[Body]]):
+    """The tables of kinds of bodies that have keys of their own."""
+
+    def __iter__(self) -> Iterator[str]:
+        return (name for name, kind in BODIES.items() if kind.own or "inertia" not in kind.takes)
+
+    def __len__(self) -> int:
+        return len(list(iter(self)))
+
+    def __getitem__(self, name: str) -> type[Body]:
+        return table_of(name, BODIES[name].make)
+
+
+@cache
+def table_of(name: str, make: Callable[..., DirectorSystem]) -> type[Body]:
+    """Return the table of a kind of body whose function has parameters of its own, or no inertia."""
+    keys: dict[str, Any] = {key: key_of(*one) for key, one in specs(make).items() if key not in KEYS}
+    first = next(iter(keys), "kind")
+    if "inertia" not in signature(make).parameters:
+        keys["inertia"] = None, entry(f'left out for kind = "{name}"', None)
+    made = create_model(f"Body of the kind {name}", __base__=Body, __doc__=make.__doc__, **keys)
+    made.error_key = first if "inertia" in keys else Body.error_key
+    return made
+
+
+class OfItsKind:
+    """Annotation of a body: of a kind with keys of its own it is the table of that kind."""
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> CoreSchema:
+        source.kinds = tables = Tables()
+
+        def table(value: Any, other: Callable[[Any], Body]) -> Body:
+            kind = value.get("kind") if isinstance(value, dict) else None
+            return tables[kind].model_validate(value) if isinstance(kind, str) and kind in tables else other(value)
+
+        own = core_schema.simple_ser_schema("any")
+        return core_schema.no_info_wrap_validator_function(table, handler(source), serialization=own)
+
+    def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
+        found = [handler(schema), *(handler(form.__pydantic_core_schema__) for form in Tables().values())]
+        return {"anyOf": found} if len(found) > 1 else found[0]
+
+
+AnyBody = Annotated[Body, OfItsKind()]

@@ -40,7 +40,7 @@ from ..models.system import DirectorSystem
 from ..spec import Spec
 from ..units import in_datasets
 from .basic_tables import AnyEvent, Integrator, Output, Start, Time, options_of
-from .body import Body, SpinTable
+from .body import AnyBody, Body, SpinTable
 from .files import LARGEST, Fault, Folder, Keys, document, overridden, parsed, shown, toml_text
 from .load_tables import AnyLoad, LoadSection
 from .section import MOST_PROBLEMS, Faults, Section, entry, found_in, problems_of
@@ -102,7 +102,7 @@ def _system(body: Body, folder: Folder, faults: Faults) -> DirectorSystem | None
         with faults.of("body", body, "spin"):
             as_spin((body.spin.times, body.spin.values))
     if len(faults) == before:
-        with faults.of("body", body, "inertia"):
+        with faults.of("body", body, body.error_key):
             return folder.system(body)
     return None
 
@@ -178,7 +178,7 @@ class RunFile(Section):
     title: Annotated[str, Field(max_length=200, pattern=r"^[^\x00-\x1f\x7f-\x9f]*$")] | None = entry(
         "a line of text in quotes, at most 200 characters", None
     )
-    body: Body = entry("a table [body]")
+    body: AnyBody = entry("a table [body]")
     start: Start = entry("a table [start]", Start())
     load: list[AnyLoad] = entry(f"tables [[load]], in double brackets, at most {MOST_LOADS}", [], max_length=MOST_LOADS)
     time: Time = entry("a table [time]")
@@ -326,7 +326,7 @@ def _standing(data: dict[str, Any], wrong: list[Keys]) -> Any:
     lists: dict[str, Any] = {"load": TypeAdapter(AnyLoad), "event": TypeAdapter(AnyEvent)}
     tables = dict[str, Any]()
     for key, field in RunFile.model_fields.items():
-        value, form = data.get(key, {}), cast(Any, field.annotation)
+        value, form = data.get(key, {}), cast(Any, AnyBody if key == "body" else field.annotation)
         if key in lists:
             entries = enumerate(value if isinstance(value, list) else [])
             tables[key] = [_stands(lists[key], one, (key, k), wrong) for k, one in entries]

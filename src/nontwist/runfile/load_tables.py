@@ -9,16 +9,16 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import MISSING
 from functools import cache
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, get_args, get_origin
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 import numpy as np
-from pydantic import Field, create_model
+from pydantic import create_model
 
 from ..loads import LOADS, Load, Term, body_moment, damping, dipole, pulse, rotor, space_moment
 from ..loads.terms import EVER, FRAME, ForceTerm, own_fields
-from ..spec import Spec, specs
-from .files import Folder, Table, plain
-from .section import AN_AXIS, BY_FORM, Axis, Matrix, OneOf, Positive, Section, Vector, entry
+from ..spec import specs
+from .files import Folder, Table
+from .section import AN_AXIS, BY_FORM, Axis, Matrix, OneOf, Section, Vector, entry, key_of
 
 FILE = "a CSV file in quotes, relative to the run file: headers, then rows of numbers"
 HASH = "the hash of the CSV file, in quotes: another content is refused"
@@ -201,9 +201,7 @@ def table_of(kind: str, cls: type[Term]) -> type[LoadSection]:
     keys: dict[str, Any] = {"kind": (Literal[kind], ...)}
     names, required = keys_of(cls), list[str]()
     for name, (form, default, spec) in specs(cls).items():
-        kind_of_key = type_of(form, spec) if default is not None else type_of(form, spec) | None
-        described = entry(accepted(form, spec), ... if default is MISSING else plain(default), unit=spec.unit)
-        keys[names[name]] = kind_of_key, described
+        keys[names[name]] = key_of(form, default, spec)
         required += [names[name]] * (default is MISSING)
 
     def load_of(**given: Any) -> Load:
@@ -212,37 +210,6 @@ def table_of(kind: str, cls: type[Term]) -> type[LoadSection]:
     made = create_model(cls.__name__, __base__=LoadSection, __doc__=cls.__doc__, __module__=cls.__module__, **keys)
     made.makes, made.error_key, made.is_swept = load_of, required[-1], not issubclass(cls, ForceTerm)
     return made
-
-
-def type_of(form: Any, spec: Spec) -> Any:
-    """Return the type of a key from that of a field and its description."""
-    if get_origin(form) is Literal:
-        return form
-    if spec.rule.startswith("direction"):
-        return Axis
-    found: Any = Positive if spec.rule == "positive" else float
-    for n in reversed(spec.shape):
-        least, most = (n, n) if isinstance(n, int) else (2 if spec.rule == "increasing" else None, None)
-        found = Annotated[list[found], Field(min_length=least, max_length=most)]
-    return found
-
-
-def accepted(form: Any, spec: Spec) -> str:
-    """Return what a key accepts, in words."""
-    if get_origin(form) is Literal:
-        *first, last = map('"{}"'.format, get_args(form))
-        return spec.text or f"{', '.join(first)} or {last}"
-    if spec.rule.startswith("direction"):
-        return (AN_AXIS + spec.text).removesuffix(": ")
-    number = "a positive number" if spec.rule == "positive" else "a number"
-    words = "2 or more increasing numbers" if spec.rule == "increasing" else "numbers" if spec.shape else number
-    for n in reversed(spec.shape):
-        if isinstance(n, int):
-            words = f"{n} {words}" if words == "numbers" else f"{n} rows of {words}"
-        elif words != "numbers" and spec.rule != "increasing":
-            words = f"rows of {words}" if len(spec.shape) == 2 else f"{words} for each"
-    bound = spec.rule if spec.rule in ("not negative", "at least 0 and below 1") else ""
-    return ", ".join(filter(None, (words, bound, spec.unit))) + f": {spec.text}" * bool(spec.text)
 
 
 class Tables(Mapping[str, type[LoadSection]]):

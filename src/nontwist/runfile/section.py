@@ -10,8 +10,8 @@ import math
 import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar, NamedTuple, Self, get_args
+from dataclasses import MISSING, dataclass
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple, Self, get_args, get_origin
 
 from pydantic import (
     AfterValidator,
@@ -31,7 +31,7 @@ from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 from ..geometry.arrays import AXES
 from ..geometry.values import guess, meant, nearest
 from ..spec import Spec
-from .files import LARGEST_NUMBER, Fault, Keys, dotted, shown, toml_value
+from .files import LARGEST_NUMBER, Fault, Keys, dotted, plain, shown, toml_value
 
 YOUR_OWN = "; your own once its module is imported (nontwist --import MODULE)"
 AN_AXIS = '3 numbers, not all 0, or "x", "y", "z", "-x", "-y", "-z": '
@@ -101,6 +101,46 @@ Matrix = Annotated[list[Vector], Field(min_length=3, max_length=3)]
 Positive = Annotated[float, Field(gt=0)]
 _AXIS_SCHEMA = {"anyOf": [TypeAdapter(Vector).json_schema(), {"enum": list(AXES), "type": "string"}]}
 Axis = Annotated[Vector, BeforeValidator(_components), AfterValidator(_turning), WithJsonSchema(_AXIS_SCHEMA)]
+
+
+# Keys that follow from a type and its description.
+
+
+def key_of(form: Any, default: Any, spec: Spec) -> tuple[Any, Any]:
+    """Return the type of a key, and the key."""
+    kind = type_of(form, spec) if default is not None else type_of(form, spec) | None
+    return kind, entry(accepted(form, spec), ... if default is MISSING else plain(default), unit=spec.unit)
+
+
+def type_of(form: Any, spec: Spec) -> Any:
+    """Return the type of a key from that of a field and its description."""
+    if get_origin(form) is Literal:
+        return form
+    if spec.rule.startswith("direction"):
+        return Axis
+    found: Any = Positive if spec.rule == "positive" else float
+    for n in reversed(spec.shape):
+        least, most = (n, n) if isinstance(n, int) else (2 if spec.rule == "increasing" else None, None)
+        found = Annotated[list[found], Field(min_length=least, max_length=most)]
+    return found
+
+
+def accepted(form: Any, spec: Spec) -> str:
+    """Return what a key accepts, in words."""
+    if get_origin(form) is Literal:
+        *first, last = map('"{}"'.format, get_args(form))
+        return spec.text or f"{', '.join(first)} or {last}"
+    if spec.rule.startswith("direction"):
+        return (AN_AXIS + spec.text).removesuffix(": ")
+    number = "a positive number" if spec.rule == "positive" else "a number"
+    words = "2 or more increasing numbers" if spec.rule == "increasing" else "numbers" if spec.shape else number
+    for n in reversed(spec.shape):
+        if isinstance(n, int):
+            words = f"{n} {words}" if words == "numbers" else f"{n} rows of {words}"
+        elif words != "numbers" and spec.rule != "increasing":
+            words = f"rows of {words}" if len(spec.shape) == 2 else f"{words} for each"
+    bound = spec.rule if spec.rule in ("not negative", "at least 0 and below 1") else ""
+    return ", ".join(filter(None, (words, bound, spec.unit))) + f": {spec.text}" * bool(spec.text)
 
 
 # Values of several forms: words and tables of a registry, and unions that are told apart by what is given.

@@ -26,6 +26,7 @@ from ..models.bodies import BODIES
 from ..models.system import DirectorSystem, as_system
 from ..spec import specs
 from .body import Body
+from .body import Tables as BodyTables
 from .document import checked
 from .files import Folder, plain
 from .load_tables import Tables, keys_of
@@ -78,7 +79,7 @@ def file_of(problem: Problem, place: Path) -> RunFile:
 def body_table(system: DirectorSystem) -> dict[str, Any]:
     """Return the table of a body: of the first kind, that of its name before others, that makes this body."""
     own = system.name.split(" ")[0]
-    for kind in sorted(BODIES, key=lambda name: name != own):
+    for kind in sorted(BODIES.keys() - {*BodyTables()}, key=lambda name: (name != own, [*BODIES].index(name))):
         table = _table_of(kind, system)
         try:
             made = Body.model_validate(table).system(Folder(Path()))

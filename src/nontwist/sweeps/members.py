@@ -157,7 +157,7 @@ def stack(body: Body, values: Values, folder: Folder) -> SystemStack:
     if BODIES[body.kind].at_once and plain and all(key.split(".")[0] in AT_ONCE for key in values):
         return _at_once(body, values)
     data, members = body.model_dump(exclude_none=True), range(len(next(iter(values.values()))))
-    made = _each(members, lambda i: Body.model_validate(with_values(data, part(values, i))).system(folder))
+    made = _each(members, lambda i: type(body).model_validate(with_values(data, part(values, i))).system(folder))
     return SystemStack.of(made)
 
 

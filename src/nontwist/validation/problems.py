@@ -57,16 +57,21 @@ def random_kinds() -> dict[str, tuple[str, bool]]:
 
 
 def random_body(kind: str, heavy: bool, rng: np.random.Generator) -> DirectorSystem:
-    """Return a random body of a kind: a positive definite Euler inertia, D3 principal where it must be."""
+    """Return a random body of a kind: a positive definite Euler inertia, D3 principal where it must be.
+
+    A kind that takes no inertia has that of its sample.
+    """
     entry, a = BODIES[kind], rng.normal(size=(3, 3))
     E = a @ a.T + 0.3 * np.eye(3)
     if entry.principal:
         E[:2, 2] = E[2, :2] = 0
     J = np.trace(E) * np.eye(3) - E
-    given = {name: value for name, value in entry.sample.items() if name not in entry.has_default} | {"inertia": J}
+    given = {name: value for name, value in entry.sample.items() if name not in entry.has_default}
+    if "inertia" in given:
+        given["inertia"] = J
     if "axis" in entry.takes:
         given["axis"] = rng.normal(size=3)
-    if "mass" in entry.takes:
+    if "centre_of_mass" in given:
         given |= {"mass": 0.05, "centre_of_mass": rng.normal(size=3) / 10}
     body = entry.make(**given)
     return with_gravity(body, 0.05, rng.normal(size=3) / 10) if heavy else body

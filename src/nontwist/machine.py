@@ -1,9 +1,24 @@
-"""What this process may use of the machine: memory and cores."""
+"""What this process may use of the machine: memory and cores; and properties that do not hinder it when it forks."""
 
 from __future__ import annotations
 
+import functools
 import os
+from collections.abc import Callable
+from contextlib import nullcontext
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from functools import cached_property as cached_property
+else:
+
+    class cached_property(functools.cached_property):  # noqa: N801
+        """That of Python 3.12: without the lock of 3.11, which a process forked meanwhile would find taken."""
+
+        def __init__(self, function: Callable[[Any], Any]) -> None:
+            super().__init__(function)
+            self.lock = nullcontext()
 
 
 def free_memory() -> int:

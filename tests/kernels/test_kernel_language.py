@@ -234,10 +234,15 @@ def test_threads_trace_at_once():
 CHILDREN = """
     import threading, os, signal, sys, time, warnings
     import numpy as np
+    from nontwist import moment
     from nontwist.kernels.kernel import Kernel
     warnings.simplefilter("ignore", DeprecationWarning)
-    def new(c):
+    def kernel(c):
         return Kernel(lambda x: x * (c + 0.5), "f8 -> f8")
+    def load(c):
+        moment(lambda t, d, w: (c * w[0], 0.0, 0.0), compiled=True)
+        return lambda x: x * (c + 0.5)
+    new = globals()[sys.argv[1]]
     done = threading.Event()
     traced = []
     def trace():
@@ -266,8 +271,9 @@ CHILDREN = """
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="this system does not fork")
-def test_forked_children_trace_for_themselves():
-    found = subprocess.run([sys.executable, "-c", textwrap.dedent(CHILDREN)], capture_output=True, text=True)
+@pytest.mark.parametrize("new", ["kernel", "load"])
+def test_forked_children_trace_for_themselves(new):
+    found = subprocess.run([sys.executable, "-c", textwrap.dedent(CHILDREN), new], capture_output=True, text=True)
     assert found.stdout == "failed 0\n", found.stderr
 
 

@@ -257,6 +257,22 @@ def test_unit_of_internal_states(lag, unit, scheme):
     assert other.material_angular_velocity == pytest.approx(one.material_angular_velocity, abs=2e-15)
 
 
+@pytest.mark.parametrize("size", [1e-6, 1e12])
+def test_large_states_relative_errors(size):
+    """Of z beyond its scale the error counts relative to its size: of size sin(t) it is a round-off far above 1e-8."""
+
+    def derivative(t, z, directors, W):
+        return [size * np.cos(t)]
+
+    def moment(t, z, directors, W):
+        return z[0] / size, 0.0, 0.0
+
+    load = nt.memory_load(derivative, moment, state0=0, compiled=True)
+    run = nt.simulate(nt.standard([1, 2, 3]), t_end=8, load=load, tolerance=1e-9)
+    assert run.material_angular_velocity.values[-1, 0] == pytest.approx(1 - np.cos(8), abs=3e-9)
+    assert run.internal_state.values[:, 0] / size == pytest.approx(np.sin(run.time.values), abs=1e-9 / min(size, 1))
+
+
 @pytest.mark.parametrize(
     ("derivative", "moment", "words"),
     [

@@ -583,3 +583,22 @@ def test_friction_gaining_energy():
     assert (many.status == Status.LOAD).all()
     slower = nt.wheel("z", 1, speed=4.9, friction=lambda speed: 2 * speed * ((speed - 5) ** 2 - 1e-4))
     assert np.diff(nt.simulate(body, **how | {"load": slower}).wheel_loss.values[:, 0]).min() >= 0
+
+
+def test_saturated_motor_from_rest():
+    """The errors of speed and work count relative to what a wheel reaches, not to 1 rad/s, with which it did not start.
+
+    The torque is at its limit until the speed is near its goal; then what is left decays.
+    """
+    J, inertia, limit, gain, goal = 1e-3, 1.2e-6, 1e-5, 2e-7, 673.0
+
+    def motor(t, speed):
+        return np.clip(gain * (goal - speed), -limit, limit)
+
+    t, rate = np.linspace(0, 200, 41), 1 / inertia + 1 / (J - inertia)
+    begin = (goal - limit / gain) / (limit * rate)
+    left = limit / gain * np.exp(-gain * rate * np.maximum(t - begin, 0))
+    load = nt.wheel("z", inertia=inertia, torque=motor)
+    run = nt.simulate(nt.standard([2e-3, 2e-3, J]), times=t, load=load, tolerance=1e-5)
+    assert run.wheel_speed.values[:, 0] == pytest.approx(np.where(t < begin, limit * rate * t, goal - left), rel=1e-5)
+    assert 200 / run.step < 10_000

@@ -354,3 +354,16 @@ def test_labelled_velocities():
     labelled = xarray.DataArray(W.T[::-1], dims=("director", "member"), coords={"director": [3, 2, 1]})
     many = nt.simulate_ensemble(STANDARD, t_end=1, step=0.1, material_angular_velocity=labelled)
     assert (many.material_angular_velocity.values[:, 0] == W).all()
+
+
+def test_labels_of_pandas():
+    """Letters of axes are put in order; numbers count rows, in whatever order these are."""
+    pandas, W = pytest.importorskip("pandas"), np.arange(9.0).reshape(3, 3)
+    table = pandas.DataFrame(W, index=[2, 0, 1], columns=list("xyz"))
+    for given in (table, table[["z", "x", "y"]]):
+        many = nt.simulate_ensemble(STANDARD, t_end=1, step=0.1, material_angular_velocity=given)
+        assert (many.material_angular_velocity.values[:, 0] == W).all()
+    J = pandas.DataFrame(PAPER_J, list("xyz"), list("xyz"))
+    assert (nt.standard(J.loc[list("yzx"), list("zxy")]).inertia == nt.standard(PAPER_J).inertia).all()
+    run = nt.simulate(STANDARD, t_end=1, step=0.1, angular_velocity=table.loc[0, ["y", "z", "x"]])
+    assert run.angular_velocity.values[0] == pytest.approx(W[1])

@@ -381,6 +381,16 @@ def test_slender_rod():
     assert largest_velocity(stacked(rod), still, rubbing, 0.0, quarter) == pytest.approx(2 * omega, rel=1e-3)
 
 
+def test_molecule():
+    """In picoseconds, and with inertias of 1e-47 kg m², it turns as a body of everyday size does in seconds."""
+    J, W = np.array([3.0, 4, 5]), np.array([0.1, 2, 0.3])
+    ends = []
+    for small, fast in ((1e-47, 1e12), (1.0, 1.0)):
+        run = nt.simulate(nt.standard(J * small), t_end=5 / fast, material_angular_velocity=W * fast)
+        ends.append(run.quaternion.values[-1])
+    assert ends[0] == pytest.approx(ends[1], abs=1e-8)
+
+
 def test_fast_spin():
     run = nt.integrate(nt.standard([0.0147, 0.0015, 0.0162]), t_end=1, material_angular_velocity=(720, 3, 1))
     assert run.error_estimate <= run.tolerance == 1e-8

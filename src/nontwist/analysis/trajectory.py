@@ -6,7 +6,7 @@ import json
 import platform
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields
-from functools import cache, cached_property
+from functools import cache
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -20,6 +20,7 @@ from ..integrators.ivp import Intervals, Segments
 from ..loads import Load
 from ..loads.friction import ROUND_OFF
 from ..loads.kinds import is_rotor, load_of, rotors_of
+from ..machine import cached_property
 from ..models.equations import LABELS
 from ..models.system import DirectorSystem
 from .variables import (

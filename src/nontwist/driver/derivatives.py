@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import replace
-from functools import cached_property, partial
+from functools import partial
 from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
@@ -19,6 +19,7 @@ from ..integrators.ivp import Segments, segmented
 from ..integrators.linearised_runs import Linearised, scheme_of
 from ..integrators.memory_tangents import RememberingSteps, require_derivatives
 from ..integrators.tangents import ForwardTangents, PreparedTangents, back, forward
+from ..machine import cached_property
 from ..models.system import DirectorSystem
 from .grid import stored_steps
 from .parameters import EVERY, Parameters

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache, partial
+from functools import lru_cache, partial
 from math import sqrt
 from typing import Any, NamedTuple
 
@@ -25,6 +25,7 @@ from ..integrators.costs import Cost, seconds_of_call
 from ..integrators.integrator import Outcome
 from ..integrators.ivp import Intervals, Segments, segmented
 from ..loads import Load
+from ..machine import cached_property
 from . import completion, notices
 from .contacts import refusal
 from .events import Ended, Event, march_to_events

@@ -1,8 +1,8 @@
 """Runs to a tolerance: the order and the step that keep the error of a run below a bound, and how that is known.
 
 The error of a run is that of its attitude, in rad, that of W relative to the largest |W|, or that of the internal
-states of loads with memory relative to their scale: the largest of these, at its worst over the stored states. A
-tolerance bounds it.
+states of loads with memory relative to their scale, or to the largest where that is more: the largest of these, at its
+worst over the stored states. A tolerance bounds it.
 
 1. The first steps follow from a local estimate (`first_steps`), on which nothing else relies.
 2. N steps are run, and at least 3/2 N: a segment between two kinks has an even number of steps, and then half as many
@@ -228,7 +228,8 @@ def _distance(a: Trial, b: Trial, slowest: float = 0.0, ends: bool = False) -> f
     gap = np.sqrt(np.square(W[:, i] - V[:, k]).sum(axis=2)).max(axis=1)
     worst = max(angle.max(), np.divide(gap, size, out=np.zeros_like(gap), where=size > 0).max())
     if z is not None and y is not None:
-        worst = max(worst, (abs(z[:, i] - y[:, k]) / a.problem.load.internal_scale).max())
+        sizes = np.maximum(abs(z).max(axis=1, keepdims=True), a.problem.load.internal_scale)
+        worst = max(worst, (abs(z[:, i] - y[:, k]) / sizes).max())
     return float(worst)
 
 

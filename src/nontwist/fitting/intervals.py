@@ -17,7 +17,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -25,6 +24,7 @@ from numpy.typing import NDArray
 
 from ..errors import SENTENCES, InputError
 from ..geometry.arrays import Array
+from ..machine import cached_property
 from ..recordings.reading import Rates
 from .estimating import FEWEST as PART
 from .estimating import Guess, acting, allowed, balanced, in_lanes, turns, whole_of, windowed

@@ -42,7 +42,6 @@ import io
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -53,6 +52,7 @@ from ..geometry.arrays import Array, as_array, as_floats, as_number, as_positive
 from ..geometry.attitudes import hats, without_jumps
 from ..geometry.rotations import dexp, exp
 from ..geometry.values import short_repr
+from ..machine import cached_property
 from ..recordings.motions import measured_quaternions, raw_motion
 from ..recordings.options import require_plain
 from ..recordings.orientations import Motion

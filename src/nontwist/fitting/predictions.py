@@ -26,7 +26,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache, reduce
+from functools import lru_cache, reduce
 from itertools import pairwise
 from typing import Any, NamedTuple
 
@@ -41,6 +41,7 @@ from ..kernels.machine_code import tracer
 from ..kernels.memory import Doubles, View, Wholes, doubles, view_of
 from ..kernels.series import Recurrence, Stored
 from ..kernels.vectors import Matrix, Symmetric, Vector, cross, inverse_of
+from ..machine import cached_property
 from .unknowns import Model, entries
 
 ORDER, EXACT = 20, 1e-11

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,6 +11,7 @@ import numpy as np
 from ..geometry.arrays import Array
 from ..geometry.attitudes import ENTRIES
 from ..geometry.values import as_whole
+from ..machine import cached_property
 from . import reports
 from .estimating import whole
 from .measuring import BIAS, PLACES, SCALE

@@ -16,13 +16,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..geometry.arrays import Array
+from ..machine import cached_property
 from .measuring import Gyroscope, Speed, finite_rows, gaps, triangle
 from .predictions import Line, Motion, Track, responses
 from .unknowns import Model, entries, symmetric

@@ -9,11 +9,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 
 from ..geometry.arrays import Array
+from ..machine import cached_property
 from .predictions import RunawayError
 from .shooting import Residuals, Rows, Shooting, Unknowns, lengths, residuals, stacked
 from .slow_noise import SlowNoise, noise_of_residuals

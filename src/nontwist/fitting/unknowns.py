@@ -33,7 +33,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -41,6 +40,7 @@ import numpy as np
 from ..geometry.arrays import Array, as_array, as_axis, as_direction, as_floats, as_number, as_positive
 from ..geometry.attitudes import BASIS, ENTRIES
 from ..geometry.values import among, nearest, short_repr
+from ..machine import cached_property
 
 G = 9.81
 PIVOT = ("mass", "centre", "distance", "g")

@@ -88,7 +88,8 @@ def as_plain(value: Any, name: str) -> NDArray[Any]:
     """Return `value` as an array of whatever it holds; a ValueError where it is not an array, or has masked values."""
     try:
         masked = _masked(value)
-        array = np.asarray(0.0 if masked else in_order(value) if hasattr(value, "dims") else value)
+        is_labelled = hasattr(value, "dims") or hasattr(value, "iloc")
+        array = np.asarray(0.0 if masked else in_order(value) if is_labelled else value)
     except Exception as error:  # conversions of foreign objects raise exceptions of any kind
         raise ValueError(f"{name} must consist of numbers, got {short_repr(value)}") from error
     if masked:
@@ -97,13 +98,25 @@ def as_plain(value: Any, name: str) -> NDArray[Any]:
 
 
 def in_order(data: Any) -> Any:
-    """Return a Dataset or DataArray with directors, axes and components of quaternions in the order of their labels."""
+    """Return data of xarray with directors, axes and components of quaternions in the order of their labels.
+
+    So are Series and DataFrames of pandas whose labels are such letters; numbers there count rows.
+    """
+    if hasattr(data, "iloc"):
+        for k, labels in enumerate(data.axes):
+            if len(labels) <= 4 and all(isinstance(label, str) for label in labels):
+                data = data.take(_places(labels), axis=k)
+        return data
     for dim in ("director", "axis", "quat"):
-        own = [str(label) for label in data[dim].values] if dim in data.dims and dim in data.coords else []
-        order = next((one for one in map(str.split, ORDERS) if sorted(own) == sorted(one)), own)
-        if own != order:
-            data = data.isel({dim: [own.index(label) for label in order]})
+        if dim in data.dims and dim in data.coords:
+            data = data.isel({dim: _places(data[dim].values)})
     return data
+
+
+def _places(labels: Any) -> list[int]:
+    own = [str(label) for label in labels]
+    order = next((one for one in map(str.split, ORDERS) if sorted(own) == sorted(one)), None)
+    return [own.index(label) for label in order] if order else list(range(len(own)))
 
 
 def as_array(value: ArrayLike, name: str, shape: Shape, largest: float = LARGEST) -> Array:

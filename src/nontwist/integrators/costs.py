@@ -287,9 +287,9 @@ def _of_slender(axes: Axes, W: Array, load: Load, energy: Array, span: float, sc
     damped -= np.sum(damped * along, axis=1, keepdims=True) * along
     drag = abs(scale) * np.linalg.norm(damped, axis=1) * across
     coupled = (large - middle) * energy / (2 * np.sqrt(large * middle))
-    slowed = np.maximum(scale * np.sum((along @ load.damping) * along, axis=1), thin * 1e-300)
+    rate = np.maximum(scale * np.sum((along @ load.damping) * along, axis=1) / thin, 1e-300)
     driven = coupled + pulls[rows, order[:, 0]] + drag
-    gained = np.minimum(span, thin / slowed) * driven + abs(scale) * impulse
+    gained = np.minimum(span, 1 / rate) * driven + abs(scale) * impulse
     return np.hypot(abs(np.sum(along * W, axis=1)) + gained / thin, across)
 
 

@@ -6,7 +6,6 @@ Loads that depend on time are polynomials in a step: those through their values 
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import cached_property
 from math import inf
 from typing import Any
 
@@ -18,6 +17,7 @@ from ..geometry.arrays import Array, distinct
 from ..geometry.attitudes import States
 from ..kernels import machine_code
 from ..loads import Load
+from ..machine import cached_property
 from .compiled import Compiled
 from .expansion import LARGEST_MISMATCH, RUN, output_kernel
 from .ivp import IVP, Outputs

@@ -17,7 +17,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -28,6 +27,7 @@ from ..geometry.arrays import Array
 from ..geometry.attitudes import States, director_velocities, directors
 from ..loads import Load
 from ..loads.load import with_torques
+from ..machine import cached_property
 from ..models.stack import SystemStack, members_of, stacked
 from ..models.system import DirectorSystem
 

@@ -10,9 +10,9 @@ from __future__ import annotations
 
 import operator
 from collections.abc import Callable, Sequence
-from functools import cached_property
 from typing import Any
 
+from ..machine import cached_property
 from .control import Variables, loop
 from .dual import Dual
 from .elements import Number, fma

@@ -183,7 +183,8 @@ def memory_load(
     state0 : float or (k,) array
         z at the start.
     scale : float or (k,) array
-        How large z becomes: its error counts relative to this, as that of the attitude in radians does.
+        How large z becomes: its error counts relative to this, or to the largest z where that is more, as that of the
+        attitude in radians does.
     frame : "space" or "body"
         What moment and angular velocity are components along: fixed axes, or the moving directors. What is exchanged
         between the body and a part that turns in it is kept to round-off with "body".

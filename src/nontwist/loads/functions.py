@@ -20,7 +20,6 @@ import inspect
 import pickle
 from collections.abc import Callable, Sequence
 from math import isfinite
-from threading import RLock
 from typing import TYPE_CHECKING, Any, NoReturn
 from weakref import WeakValueDictionary
 
@@ -244,7 +243,6 @@ def _in_capsule(callback: Any) -> int:
 
 ENTRY, ARGUMENTS = "load", "double %t, ptr %directors, ptr %velocity, ptr %found"
 _known: WeakValueDictionary[str, MachineFunction] = WeakValueDictionary()
-_lock = RLock()
 
 
 class MachineFunction:
@@ -314,7 +312,7 @@ def _made(text: Callable[..., list[Any]]) -> MachineFunction:
         write_all(Element("%t"), Pointer("%directors"), Pointer("%velocity"), Pointer("%found"))
         t.line("ret void")
         t.close()
-    with _lock:
+    with machine_code.LOCK:
         made = _known.get(t.text)
         if made is None:
             made = _known[t.text] = MachineFunction(t.text, write_all, t.keepalive)

@@ -19,7 +19,6 @@ from __future__ import annotations
 import pickle
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from functools import cached_property
 from math import inf
 from typing import Any, Literal
 
@@ -29,6 +28,7 @@ from numpy.typing import ArrayLike
 from ..geometry.arrays import Array, as_array, as_floats, as_number
 from ..geometry.values import among, short_repr
 from ..kernels.vectors import Matrix, first_moment
+from ..machine import cached_property
 from .friction import DryFriction, Sliding, require_distinct_axes
 from .kinds import LOADS, load_in_words
 from .memory_terms import Driven, Memory, OnBodyAtRest, Wheel

@@ -11,7 +11,6 @@ import re
 from abc import ABC
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, field, fields
-from functools import cached_property
 from itertools import product
 from math import inf, prod
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
@@ -23,6 +22,7 @@ from ..geometry.arrays import Array, increasing
 from ..geometry.values import short_repr, vector_text
 from ..kernels.dual import Dual, plain
 from ..kernels.elements import select, sin
+from ..machine import cached_property
 from ..spec import Spec, as_specified, specs
 from ..units import in_datasets
 from .functions import Call, array, checked, name_of, slopes_function, state, term_function

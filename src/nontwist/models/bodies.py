@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property
 from inspect import signature
 from typing import Any
 
@@ -21,6 +20,7 @@ from numpy.typing import ArrayLike
 from ..errors import warn
 from ..geometry.arrays import Array, as_array, as_axis, as_positive
 from ..geometry.values import hinted, short_repr
+from ..machine import cached_property
 from ..spec import Spec, specs
 from .spin import Spin
 from .system import DirectorSystem, as_system, convected_inertia, euler_inertia, keep, require_mass, require_principal

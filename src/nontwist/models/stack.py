@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from ..geometry.arrays import UNIT, Array, as_array
 from ..geometry.values import as_list, short_repr
+from ..machine import cached_property
 from .spin import Spin, as_spin
 from .system import PRINCIPAL, SYMMETRY, DirectorSystem, across, as_system, inertia_text, keep
 

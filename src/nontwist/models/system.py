@@ -20,7 +20,6 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
@@ -28,6 +27,7 @@ from numpy.typing import ArrayLike
 
 from ..geometry.arrays import Array, as_array, as_direction, as_flag, as_floats, as_tensor
 from ..geometry.values import short_repr, vector_text
+from ..machine import cached_property
 from .spin import as_spin
 
 if TYPE_CHECKING:

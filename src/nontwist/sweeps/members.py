@@ -19,7 +19,6 @@ import hashlib
 import threading
 from collections.abc import Callable, Iterable
 from copy import deepcopy
-from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -37,6 +36,7 @@ from ..errors import RunFileError
 from ..geometry.arrays import UNIT, Array, as_direction, norm
 from ..integrators import IVP, Integrator
 from ..integrators.ivp import COLUMNS, segmented
+from ..machine import cached_property
 from ..models.bodies import BODIES, many_euler
 from ..models.stack import SystemStack, doubtful
 from ..models.system import DirectorSystem

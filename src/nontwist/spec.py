@@ -56,10 +56,12 @@ class Spec:
 @cache
 def specs(owner: Any) -> dict[str, tuple[Any, Any, Spec]]:
     """Return type, default and description of the fields of a dataclass, or parameters of a function, that have one."""
-    hints, parameters = get_type_hints(owner, include_extras=True), inspect.signature(owner).parameters.values()
-    defaults = {one.name: MISSING if one.default is one.empty else one.default for one in parameters}
+    hints = get_type_hints(owner, include_extras=True)
     if is_dataclass(owner):
-        defaults = {one.name: one.default for one in fields(owner)}
+        defaults: dict[str, Any] = {one.name: one.default for one in fields(owner)}
+    else:
+        parameters = inspect.signature(owner).parameters.values()
+        defaults = {one.name: MISSING if one.default is one.empty else one.default for one in parameters}
     described = ((name, get_args(hints.get(name))) for name in defaults if get_origin(hints.get(name)) is Annotated)
     return {name: (kind, defaults[name], spec) for name, (kind, spec) in described}
 

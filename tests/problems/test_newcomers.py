@@ -180,6 +180,11 @@ def test_keys_of_a_body(write, tmp_path):
         how = {"t_end": 0.5, "step": 0.0625, "material_angular_velocity": (0, 1, 60)}
         found = simulate(read_run_file(written).problem)
         assert np.array_equal(found.directors, simulate(make(2, 0.3, 0.02, 0.2), **how).directors)
+        plain = RUN.replace("skate", "standard").replace('"munthe-kaas", order = 1', '"gauss"')
+        assert (
+            type(read_run_file(write(plain)).body) is Body
+        )  # kinds without keys of their own have no table of their own
+        written = write(WHEEL)
         fall = simulate(read_run_file(written, ["body.gravity=[0, 0, -1.62]"]).problem)
         assert np.array_equal(fall.directors, simulate(make(2, 0.3, 0.02, 0.2, (0, 0, -1.62)), **how).directors)
         for change, fault in WRONG_WHEELS.items():

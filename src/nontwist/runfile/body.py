@@ -247,6 +247,8 @@ class Tables(Mapping[str, type[Body]]):
         return len(list(iter(self)))
 
     def __getitem__(self, name: str) -> type[Body]:
+        if name not in [*self]:
+            raise KeyError(name)
         return table_of(name, BODIES[name].make)
 
 

@@ -79,7 +79,7 @@ def file_of(problem: Problem, place: Path) -> RunFile:
 def body_table(system: DirectorSystem) -> dict[str, Any]:
     """Return the table of a body: of the first kind, that of its name before others, that makes this body."""
     own = system.name.split(" ")[0]
-    for kind in sorted(BODIES.keys() - {*BodyTables()}, key=lambda name: (name != own, [*BODIES].index(name))):
+    for kind in sorted((name for name in BODIES if name not in BodyTables()), key=lambda name: name != own):
         table = _table_of(kind, system)
         try:
             made = Body.model_validate(table).system(Folder(Path()))

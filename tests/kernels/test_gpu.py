@@ -7,6 +7,7 @@ is found, but no GPU has run it.
 """
 
 import ctypes
+import math
 import re
 import shutil
 import subprocess
@@ -22,9 +23,10 @@ from covering.problems import BODIES, FORCES, LOADS, TIMES, of_state, schemes
 from integrators.test_contract import fading, remembered
 from nontwist.errors import InputError
 from nontwist.integrators import stack_march
-from nontwist.kernels import gpu, machine_code
+from nontwist.kernels import functions, gpu, machine_code
 from nontwist.kernels.elements import LITERALS
-from nontwist.kernels.kernel import Kernel
+from nontwist.kernels.kernel import Kernel, kernel
+from nontwist.kernels.machine_code import lanes_of_text
 from refusals import refused, says
 
 PTXAS = shutil.which("ptxas")
@@ -116,7 +118,7 @@ def codes(monkeypatch):
 
     def kept(*given):
         code = code_of(*given)
-        for numbers in (gpu.HALF_PI, gpu.LN_2) if found.is_poisoned else ():
+        for numbers in (functions.HALF_PI, functions.LN_2) if found.is_poisoned else ():
             code = code.replace(LITERALS["double"](numbers[1]), LITERALS["double"](np.nan))
         found.append(code)
         return code
@@ -263,21 +265,37 @@ def test_members_fail_as_on_processor(driver, codes, load):
 def test_functions(name, monkeypatch):
     """Within one unit in the last place, where a result is no denormal; the same on floats."""
     monkeypatch.setattr(machine_code, "is_fused", lambda: True)
-    text, exact, rng = getattr(gpu, name), getattr(mpmath, name), np.random.default_rng(7)
+    text, exact, rng = getattr(functions, name), getattr(mpmath, name), np.random.default_rng(7)
     traced = Kernel(lambda x: text(x), "f8 -> f8")
     if name == "exp":
         given = [*rng.uniform(-1, 1, 100), *rng.uniform(-708, 709, 100), 0.0, -745.1, 5e-324]
         assert [traced(x) for x in (800.0, 709.9, np.inf, -800.0, -np.inf)] == [np.inf, np.inf, np.inf, 0.0, 0.0]
         assert np.isnan(traced(np.nan))
     else:
-        multiples = np.outer([1, 3, -(2.0**20), 2.0**38], np.arange(1, 60)).ravel() * (np.pi / 4)
-        given = [*rng.uniform(-4, 4, 100), *(10 ** rng.uniform(-20, 13.5, 100)), *multiples, 2.0**45]
-        assert np.isnan([traced(x) for x in (np.nan, np.inf, 2.0**45 + 1)]).all()
+        multiples = np.outer([1, 3, -(2.0**20), 2.0**43], np.arange(1, 60)).ravel() * (np.pi / 4)
+        given = [*rng.uniform(-4, 4, 100), *(10 ** rng.uniform(-20, 15.05, 100)), *multiples, 2.0**50]
+        assert np.isnan([traced(x) for x in (np.nan, np.inf, 2.0**50 + 1)]).all()
     with mpmath.workprec(300):
         for x in map(float, given):
             y = traced(x)
             assert abs(mpmath.mpf(y) - exact(mpmath.mpf(x))) < 0.8 * np.spacing(abs(y)), x
             assert y == float(text(np.float64(x))), x
+
+
+def test_functions_in_lanes():
+    """Side by side as one by one: the text where the processor can fuse, else the C library."""
+    x = np.random.default_rng(3).uniform(-1e4, 1e4, machine_code.lanes())
+
+    @kernel("f8[:], f8[:], f8[:]")
+    def both(x, s, c):
+        sine, cosine = functions.sine_and_cosine(x.load(0, lanes_of_text()))
+        s.store(0, sine, lanes_of_text())
+        c.store(0, cosine, lanes_of_text())
+
+    s, c = np.zeros_like(x), np.zeros_like(x)
+    both(x, s, c)
+    one = (functions.sin, functions.cos) if machine_code.is_fused() else (math.sin, math.cos)
+    assert [list(s), list(c)] == [[float(f(np.float64(y))) for y in x] for f in one]
 
 
 HOW = {"t_end": 1, "step": 0.1, "material_angular_velocity": W, "device": "gpu"}

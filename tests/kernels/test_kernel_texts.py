@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from nontwist.exact import free_bodies, suslov_body
+from nontwist.exact import free_bodies, free_constants, suslov_body
 from nontwist.geometry import frame_kernels, linking, path_kernels
 from nontwist.kernels.kernel import Kernel
 
@@ -124,6 +124,7 @@ def cases():
 CASES = defaultdict(list)
 for one, given in cases():
     CASES[one].append(given)
+FREE = {free_bodies.free_top, free_bodies.free_members}
 IN_LANES = {linking.row_integrals}  # whose sums have another order
 
 
@@ -150,6 +151,8 @@ def test_floats_equal_machine_code(name):
         one, two = kernel(*copies[0]), kernel.on_floats(*copies[1])
         assert one == two
         results.append(one)
+        if kernel in FREE and np.ravel(one)[0] != free_constants.OK:
+            continue  # as many times at once are left out as there are lanes
         if kernel in IN_LANES:
             np.testing.assert_allclose(copies[0][-2:], copies[1][-2:], rtol=1e-13, atol=1e-15)
             continue

@@ -16,6 +16,7 @@ from typing import Annotated, Any, NamedTuple
 
 from ..kernels.control import Variables, when, whilst
 from ..kernels.elements import any_of, copysign, cos, exp, floor, larger, log, logical_not, select, sin, sqrt
+from ..kernels.functions import sine_and_cosine
 from ..kernels.kernel import part
 from ..kernels.memory import View, size_of
 from ..kernels.vectors import AXES, Matrix, Vector
@@ -263,7 +264,7 @@ def harmonics(w: Any, S: Any, C: Any, t: Any) -> tuple[Any, Any]:
 
 
 def _circular(c: View, u: Any) -> tuple[Any, ...]:
-    S, C = sin(c.factor * u), cos(c.factor * u)
+    S, C = sine_and_cosine(c.factor * u)
     theta1, theta2, theta3, theta4 = thetas(c.nome, S, C, -(S * S))
     over = 1.0 / theta4
     return c.cn * theta2 * over, c.sn * theta1 * over, c.dn * theta3 * over, *harmonics(c.w, S, C, -(S * S)), 0.0 * S

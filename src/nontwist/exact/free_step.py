@@ -37,7 +37,8 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 from ..kernels.control import Variables, when
-from ..kernels.elements import copysign, cos, cosh, logical_not, select, sin, sinh, smaller, sqrt
+from ..kernels.elements import any_of, copysign, cosh, logical_not, select, sinh, smaller, sqrt
+from ..kernels.functions import sine_and_cosine
 from ..kernels.kernel import part
 from ..kernels.memory import View
 from ..kernels.vectors import Vector
@@ -98,9 +99,10 @@ def set_origin(motion: FreeMotion, c: View) -> None:
 
 def free_until(motion: FreeMotion, h: Any, c: View) -> tuple[Any, Vector, Any, Vector]:
     """Return what `free_step` does."""
-    m, zero = c.momentum, 0.0 * c.momentum
+    m, zero = c.momentum, 0.0 * h
     v = Variables(status=BAD_TIME, d=Vector(zero, zero, zero), cosm1=zero, v=Vector(zero, zero, zero))
-    for _ in when(abs(h) * m / smaller(c.ix, c.iz) <= FARTHEST):
+    is_far = logical_not(abs(h) * m / smaller(c.ix, c.iz) <= FARTHEST)
+    for _ in when(logical_not(any_of(is_far))):
         d, cosm1, turn = increments(motion.M, h, c)
         d, turn = motion.signs * (m * d), motion.signs * turn
         v.d, v.v = (select(motion.is_swapped, Vector(x[2], x[1], x[0]), x) for x in (d, turn))
@@ -116,8 +118,8 @@ def increments(M: Vector, h: Any, c: View) -> tuple[Vector, Any, Vector]:
     is_steady = abs(M[0]) + abs(M[1]) < STEADY
     for _ in when(is_steady):
         half = 0.5 * c.momentum * h / c.iz
-        quarter = sin(0.5 * half)
-        v.cosm1, v.v = -2.0 * quarter * quarter, Vector(zero, zero, sin(half))
+        quarter = sine_and_cosine(0.5 * half)[0]
+        v.cosm1, v.v = -2.0 * quarter * quarter, Vector(zero, zero, sine_and_cosine(half)[0])
     for _ in when(logical_not(is_steady)):
         v.d, v.cosm1, v.v = _increments(M, h, c)
     return v.d, v.cosm1, v.v
@@ -127,10 +129,10 @@ def _increments(M: Vector, h: Any, c: View) -> tuple[Vector, Any, Vector]:
     """Return what `increments` does, for a momentum that is not steady."""
     near, is_x = abs(c.pace * h) <= SMALL, c.pole_x != 0.0
     v = Variables(found=(0.0 * h,) * 7)
-    for _ in when(near):
+    for _ in when(any_of(near)):
         v.found = _near(M, h, c)
-    for _ in when(logical_not(near)):
-        v.found = _far(h, c)
+    for _ in when(any_of(logical_not(near))):
+        v.found = select(near, v.found, _far(h, c))
     dx, dy, dz, g, X, Y, angle = v.found
     d = Vector(dx, dy, dz)
     # The pole and the two axes across it.
@@ -146,7 +148,7 @@ def _increments(M: Vector, h: Any, c: View) -> tuple[Vector, Any, Vector]:
     A, B = a * a1 + b * b1, a * db - b * da  # the change of the azimuth
     X, Y = A * X + B * Y, A * Y - B * X
     e1, f1 = e + de, f + df
-    A, B = cos(c.rate * h + angle), sin(c.rate * h + angle)
+    B, A = sine_and_cosine(c.rate * h + angle)
     X, Y = A * X - B * Y, A * Y + B * X
     r = sqrt(X * X + Y * Y)
     C, S = select(X >= 0.0, (r + X, Y), (Y, r - X))  # of half the angle, times 2 r (r + |X|) under a root
@@ -170,7 +172,7 @@ def _near(M: Vector, h: Any, c: View) -> tuple[Any, ...]:
     for _ in when(is_hyperbolic):
         s.S, s.C = sinh(half), cosh(half)
     for _ in when(logical_not(is_hyperbolic)):
-        s.S, s.C = sin(half), cos(half)
+        s.S, s.C = sine_and_cosine(half)
     S, C, t = s.S, s.C, select(is_hyperbolic, s.S * s.S, -(s.S * s.S))
     theta1, theta2, theta3, theta4 = thetas(c.nome, S, C, t)
     over = 1.0 / select(is_hyperbolic, theta2, theta4)

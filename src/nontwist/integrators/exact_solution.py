@@ -14,7 +14,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
-from math import inf
 from typing import Any, ClassVar
 
 import numpy as np
@@ -25,7 +24,7 @@ from ..exact import nontwisting_body
 from ..exact.free_bodies import TOO_FAR, free_members, rotations_about
 from ..exact.free_constants import OK
 from ..exact.gyrostats import gyrostat_motion
-from ..geometry.arrays import Array, cross, sum_of_squares
+from ..geometry.arrays import Array, cross
 from ..geometry.attitudes import States, attitudes, director_velocities, quaternion_product, without_jumps
 from ..loads import Load
 from ..loads.load import tables_as_moments
@@ -87,7 +86,7 @@ class Exact(Integrator):
         since = since[place:].copy()
 
         def block(first: int, last: int) -> None:
-            status, member = free_members(*_bodies(systems), since, place, first, last, *out.states[:2])
+            status, member, _ = free_members(*_bodies(systems), since, place, first, last, *out.states[:2])
             if status != OK:
                 raise ValueError(f"member {member}: {TOO_FAR}" if m > 1 else TOO_FAR)
 
@@ -176,8 +175,8 @@ class PreparedSolution:
         memory, start, solve = self._threads.own
         memory[:] = self._empty
         start[0][:], start[1][:] = p, W
-        status, _ = solve()
-        return memory.copy(), sum_of_squares(memory) if status == OK else inf, 0.0
+        _, _, squares = solve()
+        return memory.copy(), squares, 0.0
 
     def read(self, found: Array) -> dict[str, Any]:
         """Return the states of a run from the numbers found; its `_read` returns the rest."""

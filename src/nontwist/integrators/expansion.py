@@ -23,11 +23,10 @@ from typing import Any, NamedTuple
 
 from ..engine.records import SUMS, Body, Parts, Sums, offsets_of
 from ..engine.sampling import Nodes
-from ..kernels import machine_code
 from ..kernels.control import Variables, loop, when, whilst
 from ..kernels.elements import any_of, larger, select, smaller, sqrt
 from ..kernels.kernel import Kernel
-from ..kernels.machine_code import tracer
+from ..kernels.machine_code import lanes_of_text
 from ..kernels.memory import Doubles, View, Wholes, doubles, fields, put, scratch
 from ..kernels.series import Recurrence, Stored
 from ..kernels.vectors import Matrix, Quaternion, Vector, attitude, cross, sum_of, taxicab
@@ -122,11 +121,6 @@ def output_kernel(parts: Parts) -> Kernel:
             join(parts, run, i)
 
     return Kernel(kernel, "i8")
-
-
-def lanes_of_text() -> int:
-    """Return how many steps are expanded at a time."""
-    return 1 if tracer() is None else machine_code.lanes()
 
 
 def body_of(run: View, i: Any) -> Body:

@@ -1,13 +1,6 @@
-"""Texts on a GPU of NVIDIA: sine, cosine and exponential, PTX by LLVM, and the library of the driver, by ctypes.
+"""Texts on a GPU of NVIDIA: PTX by LLVM, and the library of the driver, by ctypes.
 
-Functions. NVPTX has roots, fused multiply-adds and roundings, and no other function. With n the whole number next to
-x/(π/2), x - n π/2 is found with π/2 as the sum of three doubles P_1 + P_2 + P_3. ``x - n P_1`` is exact: a multiple of
-the last place of P_1 or of x that is below 1. What n P_2 and n P_3 take off is carried along as a second number e. Up
-to |x| = 2^45, where a double is known to 2^-7 rad, r + e has an error of 2^-114, and no x is so near to a multiple of
-π/2 that this is felt; beyond it the functions are NaN. On |r| <= π/4 Taylor's polynomials up to r^17 and r^18 leave
-1e-19. The exponential is 2^n exp(r + e), r + e = x - n ln 2, found in the same way; on |r| <= ln 2/2 the polynomial up
-to r^14 leaves 1e-19, and 2^n is taken in two halves, so that what is too large is ∞ and what is small loses digits, as
-it must. Each function is within one unit in the last place.
+Functions. NVPTX has roots, fused multiply-adds and roundings, and no other function: those of `functions` are traced.
 
 Contraction. LLVM contracts nothing that is not marked, and nothing is: it writes ``mul.rn`` and ``add.rn``, which the
 assembler in the driver has to leave apart, and ``fma.rn`` where a text says `fma`. So what calls none of these
@@ -22,17 +15,16 @@ from __future__ import annotations
 import ctypes
 import sys
 from collections.abc import Callable, Mapping
-from fractions import Fraction
 from functools import cache
-from math import factorial, ldexp
 from typing import Any
 
 from ..errors import SENTENCES, InputError
 from . import machine_code
 from .control import when
-from .elements import FUNCTIONS, LITERALS, Element, Whole, floor, fma, select
+from .elements import LITERALS, Whole
+from .functions import OWN
 from .kernel import part
-from .machine_code import TraceError, Tracer, tracer, tracing, writer
+from .machine_code import TraceError, Tracer, tracing
 
 SENTENCES |= {
     "no-gpu": "{option[device='gpu']}: there is no GPU of NVIDIA that can be used here ({why}); leave it out",
@@ -41,91 +33,6 @@ SENTENCES |= {
 }
 
 
-def as_three_doubles(digits: str) -> list[float]:
-    """Return three doubles whose sum is a number."""
-    rest, found = Fraction(digits), list[float]()
-    for _ in range(3):
-        found.append(float(rest))
-        rest -= Fraction(found[-1])
-    return found
-
-
-HALF_PI = as_three_doubles(
-    "1.57079632679489661923132169163975144209858469968755291048747229615390820314310449931401741"
-)
-LN_2 = as_three_doubles("0.69314718055994530941723212145817656807550013436025525412068000949339362196969471560586332")
-FARTHEST, LARGEST = 2.0**45, 750.0  # of sine and cosine; of the exponential, beyond which it is ∞ or 0
-SINE = [(-1) ** k / factorial(2 * k + 1) for k in range(1, 9)]  # of (sin r - r)/r³, by the powers of r²
-COSINE = [(-1) ** k / factorial(2 * k) for k in range(2, 10)]  # of (cos r - 1 + r²/2)/r⁴
-EXPONENTIAL = [1 / factorial(k) for k in range(2, 15)]  # of (exp r - 1 - r)/r², by the powers of r
-rint = FUNCTIONS["rint"]
-
-
-def polynomial(x: Any, coefficients: list[float]) -> Any:
-    """Return a polynomial, given its coefficients, lowest first."""
-    found = 0.0 * x + coefficients[-1]
-    for c in coefficients[-2::-1]:
-        found = fma(x, found, c)
-    return found
-
-
-def reduced_argument(x: Any, n: Any, parts: list[float]) -> tuple[Any, Any]:
-    """Return r and e, with r + e = x - n Σ parts."""
-    first, product = fma(-n, parts[0], x), n * parts[1]
-    r = first - product
-    back = r - first
-    low = (first - (r - back)) - (product + back)
-    return r, fma(-n, parts[2], low - fma(n, parts[1], -product))
-
-
-def sine_ahead(x: Any, ahead: float) -> Any:
-    """Return sin(x + ahead π/2)."""
-    n = rint(x * (1.0 / HALF_PI[0]))
-    r, e = reduced_argument(x, n, HALF_PI)
-    z = r * r
-    sine = r + fma(r * z, polynomial(z, SINE), e * fma(-0.5, z, 1.0))
-    half = 0.5 * z
-    most = 1.0 - half
-    cosine = most + (((1.0 - most) - half) + fma(z * z, polynomial(z, COSINE), -(r * e)))
-    quarter = (n + ahead) - 4.0 * floor(0.25 * (n + ahead))
-    found = select((quarter == 1.0) | (quarter == 3.0), cosine, sine)
-    return select(abs(x) <= FARTHEST, select(quarter >= 2.0, -found, found), float("nan"))
-
-
-@part
-def sin(x: Any) -> Any:
-    """Return the sine."""
-    return sine_ahead(x, 0.0)
-
-
-@part
-def cos(x: Any) -> Any:
-    """Return the cosine."""
-    return sine_ahead(x, 1.0)
-
-
-@part
-def exp(x: Any) -> Any:
-    """Return the exponential."""
-    within = select(x > LARGEST, LARGEST, select(x < -LARGEST, -LARGEST, x))
-    n = rint(within * (1.0 / LN_2[0]))
-    r, e = reduced_argument(within, n, LN_2)
-    y = 1.0 + (r + fma(r * r, polynomial(r, EXPONENTIAL), fma(r, e, e)))
-    n = select(x == x, n, 0.0)
-    half = floor(0.5 * n)
-    return (y * two_to_the(half)) * two_to_the(n - half)
-
-
-def two_to_the(n: Any) -> Any:
-    """Return 2^n, n a whole number from -1022 to 1023 as a double."""
-    if tracer() is None:
-        return ldexp(1.0, int(n))
-    t = writer()
-    whole: Any = Whole(t.value(f"fptosi double {n.used()} to i64"))
-    return Element(t.value(f"bitcast i64 {((whole + 1023) * 2**52).used()} to double"))
-
-
-OWN: dict[str, Callable[..., Any]] = {"sin": sin, "cos": cos, "exp": exp}
 MEMBER, ENTRY, THREADS = "member", "march", 64  # functions of a module; threads of a block
 LAUNCH = f"""
 define ptx_kernel void @{ENTRY}(i64 %a0, i64 %count) {{

@@ -380,3 +380,8 @@ def tracing(into: Tracer | None) -> Iterator[Tracer | None]:
         yield into
     finally:
         _local.tracer = before
+
+
+def lanes_of_text() -> int:
+    """Return how many numbers a text takes side by side that is free to choose; 1 where it computes."""
+    return 1 if tracer() is None else lanes()

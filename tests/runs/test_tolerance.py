@@ -249,6 +249,21 @@ def test_saturation():
     assert nt.integrate(BODY, load=compiled_load(smooth), **how).error_estimate <= 1e-12
 
 
+@pytest.mark.parametrize("tolerance", [1e-5, 1e-7, 1e-9])
+def test_kink_between_nodes(tolerance):
+    """``J w' = -0.3 min(2 w, 1)``: w falls evenly until it is 1/2, and then decays; distances of runs do not fall."""
+
+    def limited(t, directors, w):
+        return 0.3 * np.minimum(np.maximum(-2 * w, -1), 1)
+
+    load, kink = compiled_load(limited), 2.5 / 0.15
+    angle = 3 * kink - 0.075 * kink**2 + 0.5 / 0.3 * (1 - np.exp(-0.3 * (30 - kink)))
+    how = {"t_end": 30, "material_angular_velocity": (0, 0, 3), "load": load, "tolerance": tolerance, "store": "end"}
+    run = nt.integrate(nt.standard([1.5, 1.8, 2]), **how)
+    turn = Rotation.from_rotvec([0, 0, angle]).inv() * Rotation.from_matrix(run.directors[-1].T)
+    assert turn.magnitude() <= tolerance
+
+
 OMEGA, PENDULUM = 2.7, nt.heavy_top([4, 6, 4], mass=4 * 2.7**2 / 9.81, centre_of_mass=(0, 0, -1))
 
 

@@ -13,6 +13,9 @@ worst over the stored states. A tolerance bounds it.
    to the next at least as an order of p/2 does. Else the steps are refined. Steps that miss an oscillation, under
    a moment whose rate is not known, give distances of the size of the motion, which do not fall: that is no reason to
    stop. Nor is it where steps miss the gyration that rotors and wheels cause, be it ever so small.
+   Functions of the state may have kinks that no node meets, as where a motor reaches its limit. The error is of order 2
+   then, d falls by fits and starts, and may be small by chance: beside such functions it has to be below a tenth of the
+   tolerance. Where a high order does not get there, the lowest one begins anew, whose steps cost least.
 4. No run is more accurate than its start. The floor is the motion of the end under a change of the start and of the
    load by two units of round-off, measured with a change 32 times larger. A tolerance below ten floors is refused.
    A body that rests, or swings by less than its attitude resolves, has a W of round-off: then an error of W counts
@@ -58,7 +61,7 @@ OVERRATED = 1.6  # estimates of |w| that are so much too large are corrected
 COARSE = (Status.TURN, Status.STALLED, Status.BROKEN)
 ENOUGH = 1_000_000  # steps, of a run that is given up where it would need more
 BESIDE = 1.25  # refinement where a jump of the load lies at a node
-LEVEL = 0.3  # slope of what no longer falls
+LEVEL, ROUGH = 0.3, 2.0  # slope of what no longer falls; of laws with kinks that no node meets
 UNSEEN = 0.01  # distance of runs that miss an oscillation
 
 
@@ -121,7 +124,8 @@ def controlled(
     linear = plan.linearised(begin)
     coarse: Trial | None = None
     before: tuple[int, float] | None = None
-    level, slowest, amplified = 0, 0.0, ""
+    level, slowest, amplified, is_rough = 0, 0.0, "", False
+    has_laws = bool(plan.load.called.terms or plan.load.functions or plan.load.memories)
     gyration = gyration_rate(plan.systems, plan.load, plan.t_start, plan.t_end)
     rounds = 0
     while rounds < ROUNDS:
@@ -153,7 +157,8 @@ def controlled(
         p, N, gap = order_of(scheme), coarse.grid.steps, _distance(coarse, fine)
         d = gap if slowest == 0.0 else _distance(coarse, fine, slowest)
         slope = p if before is None else log(max(before[1], EPS**2) / max(d, EPS**2)) / log(N / before[0])
-        if d <= TENTH * goal or (d <= goal and before is not None and slope >= p / 2):
+        is_surer = before is not None and slope >= p / 2 and not has_laws
+        if d <= TENTH * goal or (d <= goal and is_surer):
             if completion.misses_jump(scheme, fine.problem, fine.outcome, goal):
                 grid, coarse, before = _scaled(coarse.grid, BESIDE), None, None
                 continue
@@ -162,12 +167,19 @@ def controlled(
             return fine, goal, d
         is_seen = (gap < UNSEEN and fine.grid.longest * gyration <= STEADY) or fine.grid.steps > MANY
         before, level = (N, d), level + (is_seen and slope < LEVEL)
-        factor = min(1.1 * (d / (TENTH * goal)) ** (1 / min(max(slope, 1.0), p)), WIDEST)
+        factor = min(1.1 * (d / (TENTH * goal)) ** (1 / min(max(slope, 1.0), ROUGH if is_rough else p)), WIDEST)
         whole = (d / (TENTH * goal)) ** (1 / max(slope, 0.5))
-        if level > 1 and d <= goal:  # of round-off
+        has_kinks = has_laws and d > FLOORS * (floor or 0.0)
+        if level > 1 and d <= goal and not has_kinks:  # of round-off
             return fine, goal, d
-        if is_seen and (level > 1 or N * whole > ENOUGH or fine.grid.steps * factor > ENOUGH):
-            break
+        is_hopeless = (level > 1 or N * whole > ENOUGH) and not (is_rough and plan.load.is_compiled)
+        if is_seen and (is_hopeless or fine.grid.steps * factor > ENOUGH):
+            if is_rough or not has_kinks:
+                break
+            is_rough, linear = True, linear._replace(schemes=(min(linear.schemes, key=order_of),))
+            (scheme, h), coarse, before, level, rounds = first_step(linear, begin, pace, swing), None, None, 0, 0
+            grid = coarse_grid(linear, begin, scheme, h)
+            continue
         grid, coarse = _scaled(coarse.grid, factor), fine if factor <= NEARLY else None
     if fine.is_coarse:  # at any step: the run says how it fails
         fine = run(scheme, fine.grid, None)

@@ -17,7 +17,7 @@ from faults.writers import WRITERS, prepare
 from nontwist import plot
 from nontwist.cli import COMMANDS
 from nontwist.cli.shared_options import command
-from nontwist.io.whole import reserved_path
+from nontwist.io.whole import atomic_file, reserved_path
 from refusals import says
 
 
@@ -77,8 +77,8 @@ def test_writers_leave_no_files_open(tmp_path):
     fcntl.flock(held, fcntl.LOCK_EX)
     before = os.listdir("/dev/fd")
     for _ in range(3):
-        with reserved_path(tmp_path / "a.nc"):
-            pass
+        with reserved_path(tmp_path / "a.nc", force=True) as place, atomic_file(place) as file:
+            file.write(b"a")
         with pytest.raises(BlockingIOError, match="another process"), reserved_path(tmp_path / "b.nc"):
             pass
     assert os.listdir("/dev/fd") == before

@@ -1,6 +1,9 @@
 """Derivatives of runs with memory: differences of runs, the adjoint, propagators, what is refused."""
 
+from dataclasses import dataclass
 from functools import partial
+from typing import Annotated
+from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -10,6 +13,8 @@ from conftest import or_long
 from integrators.test_contract import fading, remembered
 from integrators.test_derivatives import require_tangents, require_transpose
 from loads.test_wheels import BODIES, W0, J, drag, spin_up
+from nontwist.loads import LOADS, Memory
+from nontwist.spec import Spec
 
 KINKS = [0.3, 0.5, 1.0], [0.0, 0.5, -0.3]
 START = ["material_angular_velocity", "rotation"]
@@ -47,6 +52,29 @@ def loaded(beside="wheels", p=NUMBERS):
     return 0.5 * (own + nt.memory_load(branching, holding, [0.3], scale=[1], frame="body"))
 
 
+@dataclass(frozen=True, eq=False)
+class Lag(Memory):
+    """A load of one's own whose two internal states begin as its fields say."""
+
+    frame = "body"
+    state_scale = np.ones(2)
+    line: Annotated[np.ndarray, Spec("", shape=(3,), rule="direction in the body")]
+    lag: Annotated[float, Spec("", unit="s", rule="positive")]
+    quadratic: Annotated[np.ndarray, Spec("", unit="N m s", shape=(3, 3), rule="symmetric")]
+    first: Annotated[float, Spec("", unit="1")]
+
+    @property
+    def state0(self):
+        return np.array([self.first**2, 0.3 * self.lag])
+
+    def response(self, t, z, directors, angular_velocity):
+        drag, n = self.quadratic @ angular_velocity, self.line
+        moment = [-z[1] * drag[k] - z[0] * n[k] for k in range(3)]
+        return [*moment, (n @ angular_velocity - z[0]) / self.lag, (z[0] - z[1]) * self.first]
+
+
+LAG = {"load[0].line": np.array([2, -1, 2]) / 3, "load[0].lag": 0.5, "load[0].quadratic": 0.3 * J, "load[0].first": 0.7}
+
 QUICK = [("wheels", "suslov", "gauss 8"), ("memory in space", "standard", "gauss 8")]
 QUICK += [("memory in space", "top", "gauss 2"), ("memory in the body", "suslov", "gauss 4")]
 QUICK += [("memory in space", "top", "lie-midpoint 2"), ("wheels", "suslov", "lie-midpoint 2")]
@@ -63,6 +91,21 @@ def test_derivatives_are_those_of_differences(beside, body, scheme):
     wrt, (name, order) = [*START, "inertia", *NUMBERS], scheme.split()
     how = {"order": int(order), "integrator": name, "h": 4e-4}
     require_tangents(NUMBERS | start | own, partial(loaded, beside), wrt, 5, 5e-9, **how)
+
+
+@patch.dict(LOADS, lag=Lag)
+@pytest.mark.parametrize(("scheme", "order"), [("gauss", 4), ("lie-midpoint", 2)])
+def test_fields_of_own_memory(scheme, order):
+    """Beside the same load with other numbers, and wheels, whose states come first."""
+    body, start = BODIES["suslov"], {"material_angular_velocity": W0, "rotation": np.zeros(3), "duration": 0.5}
+    own = {"inertia": body.inertia, "axis": body.axis, "dead_force": body.dead_force, "principal_inertia": np.zeros(3)}
+    others = loaded() + Lag(LAG["load[0].line"], 0.9, np.eye(3), 0.2)
+
+    def made(p):
+        return 2 * Lag(*(p[name] for name in LAG)) + others
+
+    how = {"order": order, "integrator": scheme, "h": 4e-4}
+    require_tangents(LAG | start | own, made, [*START, *LAG], 5, 5e-9, **how)
 
 
 def test_adjoint_and_propagator_agree():

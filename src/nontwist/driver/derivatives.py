@@ -212,7 +212,7 @@ class Solved:
         own, problem, first = self.parameters, self.problem, self.problem.velocity[0]
         scheme: Any = self.run.integrator
         if problem.load.memories:
-            remembering = RememberingSteps(problem, scheme, own.of_wheels, own.inertias)
+            remembering = RememberingSteps(problem, scheme, own.of_memories, own.inertias)
             return remembering, remembering.start(own.start(6, first, self._removed))
         steps = Linearised(problem, scheme, own.inputs, own.changes)
         return steps, own.start(steps.rows, first, self._removed)

@@ -17,10 +17,10 @@ from ..integrators.compiled import Compiled
 from ..integrators.ivp import IVP
 from ..integrators.linearised_runs import Changes, InputDerivatives, StepNodes
 from ..integrators.load_samples import as_marched, orbit_of
-from ..integrators.memory_tangents import FIELDS, NAMES
+from ..integrators.memory_tangents import NAMES
 from ..loads.load import is_called, tables_as_moments
 from ..loads.load_derivatives import LATER, Slopes, fixed_slopes, momentum_slopes, slopes_of_time, with_parameter
-from ..loads.memory_terms import Wheel
+from ..loads.memory_terms import Memory, Wheel
 from ..loads.potentials import ForceTable, GravityGradient
 from ..loads.terms import BODY, XYZ, Rotor, Term, chord, own_fields, parameters_of
 
@@ -155,12 +155,13 @@ class Parameters:
         """Whether runs with memory have derivatives by a parameter."""
         if one.term is None:
             return one.name in (*EVERY, "inertia", "principal_inertia") and not (self._drawn and "inertia" in one.name)
-        return isinstance(self.terms[one.term], Wheel) and one.field in FIELDS
+        return isinstance(self.terms[one.term], Memory) and one.field != "scale"
 
     @property
-    def of_wheels(self) -> list[tuple[int, str, int] | None]:
-        """The number of a wheel, the name of its field, and the component, for each number; None: another parameter."""
-        numbers = [k for k, term in enumerate(self.terms) if isinstance(term, Wheel)]
+    def of_memories(self) -> list[tuple[int, str, int] | None]:
+        """The number of a load with memory, wheels first, its field, and the component; None: another parameter."""
+        numbers = [k for k, term in enumerate(self.terms) if isinstance(term, Memory)]
+        numbers.sort(key=lambda k: not isinstance(self.terms[k], Wheel))
         each = ((one, k) for one in self.all for k in range(len(one.labels)))
         return [None if one.term is None else (numbers.index(one.term), one.field, k) for one, k in each]
 

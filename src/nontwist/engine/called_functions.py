@@ -10,6 +10,7 @@ import numpy as np
 
 from ..errors import warn
 from ..geometry.arrays import Array
+from ..geometry.attitudes import BASIS
 from ..kernels.machine_code import pointer_address
 from ..loads import Load
 from ..loads.functions import REMEDY, SMALLER, Moment
@@ -228,8 +229,11 @@ def changes_of_numbers(term: Term, name: str) -> Array:
     before = term.varying[: term.varying.index(name)]
     value = np.asarray(getattr(term, name))
     first = TERM.own + sum(np.size(getattr(term, other)) for other in before)
-    found = np.zeros((value.size, TERM.size))
-    found[:, first : first + value.size] = np.eye(value.size)
-    if specs(type(term))[name][2].rule.startswith("direction"):
-        found[:, first : first + value.size] -= np.outer(value, value)
+    along, rule = np.eye(value.size), specs(type(term))[name][2].rule
+    if rule.startswith("direction"):
+        along = along - np.outer(value, value)
+    if rule == "symmetric":
+        along = BASIS.reshape(-1, value.size)
+    found = np.zeros((len(along), TERM.size))
+    found[:, first : first + value.size] = along
     return found

@@ -27,10 +27,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..engine.generalised import moment_of
+from ..engine.called_functions import changes_of_numbers
+from ..engine.generalised import TERM, moment_of
 from ..geometry.arrays import Array
 from ..geometry.attitudes import States, attitudes
-from ..kernels.dual import Dual, plain
+from ..kernels.dual import Dual, plain, tangent
 from ..kernels.vectors import Matrix, Vector, cross, first_moment
 from ..loads import Load
 from ..loads.functions import MOMENTS, differentiated
@@ -50,7 +51,10 @@ MOST = 2**20  # numbers of the matrices that are made at a time
 ITERATIONS, CLOSE, NEAR = 30, 1e-11, 1e-6  # of Newton's; the last change; how near an end is to the one that is known
 ROWS, ATTITUDE = 12, 9  # numbers of R and W, of R
 FIELDS = ("speed", "torque", "viscous", "inertia", "wheel")  # of wheels
-NAMES = f"material_angular_velocity, rotation, inertia, principal_inertia, and {', '.join(FIELDS)} of wheels"
+NAMES = (
+    f"material_angular_velocity, rotation, inertia, principal_inertia, {', '.join(FIELDS)} of wheels, and fields of "
+    "loads with memory of one's own"
+)
 
 
 def require_derivatives(problem: IVP) -> None:
@@ -73,7 +77,7 @@ class RememberingSteps:
     ----------
     problem : IVP
     scheme : `gauss` or `lie_midpoint`
-    parameters : a wheel's number, the name of a field, and the component; None: of the start or the body
+    parameters : a load's number, wheels first, the name of a field, and the component; None: of the start or the body
     inertias : (count, 3, 3) array, changes of J_c by the parameters
 
     Attributes
@@ -127,9 +131,11 @@ class RememberingSteps:
             own, h = wheel._copy(**self._varied(k, wheel, changes)), next(z)
             n, (rate, *_) = Vector(*own.wheel), own.responses(_called, time, (h,), None, W)[1]
             total, torque, rates = total + h * n, torque - rate * n, [*rates, rate]
-        for term in self.rest:
+        for k, term in enumerate(self.rest, len(self.wheels)):
             own_z = [next(z) for _ in term.state0]
-            found = term.text(_called, [*(x for d in R.T for x in d), *(R @ W), *W, *own_z, time])
+            found = self._with_changes(k, term, changes).text(
+                _called, [*(x for d in R.T for x in d), *(R @ W), *W, *own_z, time]
+            )
             push, torque = push + term.scale * Vector(*found[:3]), torque + term.scale * Vector(*found[3:MOMENTS])
             rates += found[MOMENTS:]
         torque = torque + cross(total, W)
@@ -155,6 +161,15 @@ class RememberingSteps:
             else:
                 found[name] = getattr(wheel, name) + by * (self.scales[number] if name == "torque" else 1.0)
         return found
+
+    def _with_changes(self, number: int, term: Memory, changes: list[Any]) -> Memory:
+        """Return a term that is no wheel with the changes of its fields that are parameters."""
+        numbers: list[Any] = term.numbers
+        for one, by in zip(self.parameters, changes, strict=True):
+            if one is not None and one[0] == number:
+                along = changes_of_numbers(term, one[1])[one[2], TERM.own :].tolist()
+                numbers = [x + c * by for x, c in zip(numbers, along, strict=False)]
+        return term.with_numbers(numbers)
 
     # ---- steps
 
@@ -223,6 +238,12 @@ class RememberingSteps:
             for j, one in enumerate(self.parameters):
                 if one is not None and one[0] == k:
                     found[6 + k, j] += self._change_at_start(k, *one[1:])
+        place, count = 6 + len(self.wheels), len(self.parameters)
+        for k, term in enumerate(self.rest, len(self.wheels)):
+            own = self._with_changes(k, term, [Dual(0.0, unit) for unit in np.eye(count).tolist()])
+            for z in own.state0:
+                found[place] = [tangent(z, j) for j in range(count)]
+                place += 1
         return found
 
     def _change_at_start(self, number: int, name: str, k: int) -> float:

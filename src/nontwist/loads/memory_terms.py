@@ -84,11 +84,6 @@ class Memory(Term):
         """Numbers of both moments and of z'."""
         return (MOMENTS + self.state0.size,)
 
-    @property
-    def varying(self) -> list[str]:
-        """None: what such a term says are functions."""
-        return []
-
     def moment_at(self, t: float, directors: Array, angular_velocity: Array) -> Array:
         """Raise a ValueError: there is no moment without an internal state."""
         raise ValueError("the moment of a load with memory depends on its internal state: run it, and read run.moment")

@@ -24,6 +24,7 @@ from ..integrators.continuous import MOST, Continuous, least_steps
 from ..integrators.costs import Cost, seconds_of_call
 from ..integrators.integrator import Outcome
 from ..integrators.ivp import Intervals, Segments, segmented
+from ..integrators.load_samples import as_gyrostat
 from ..loads import Load
 from ..machine import cached_property
 from . import completion, notices
@@ -408,8 +409,9 @@ def forecast(prepared: Prepared, swept: tuple[int, int] | None = None) -> Foreca
     """
     plan, scheme, grid, task, cost = prepared.plan, prepared.scheme, prepared.grid, prepared.whole, prepared.cost
     load, h, fastest, problems, phase = plan.load, grid.longest, prepared.fastest, [], None
-    if reason := refusal(scheme, task):
-        is_taken = refusal(resolve_integrator(DEFAULT, None), task) is None
+    marched = as_gyrostat(task) if load.wheels else task
+    if reason := refusal(scheme, marched):
+        is_taken = refusal(resolve_integrator(DEFAULT, None), marched) is None
         problems.append(("integrator" if is_taken else "load", reason))
     elif reason := notices.excess(cost):
         problems.append(("store", reason))

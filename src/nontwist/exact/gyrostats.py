@@ -237,14 +237,20 @@ def _half_period(span: float, part: float) -> float:
 
 
 def _pole(differences: list[complex], slope: complex) -> complex:
-    """Return a with ℘(a) - e_i = `differences` and ℘'(a) = `slope`: Carlson's R_F, after a duplication off its cut."""
+    """Return a with ℘(a) - e_i = `differences` and ℘'(a) = `slope`: Carlson's R_F, after a duplication off its cut.
+
+    Three negative numbers stay on the cut, as a is imaginary: the value above it is -i R_F of their sizes.
+    """
     from scipy.special import elliprf
 
     most = max(abs(x) for x in differences)
     x, y, z = (e if abs(e) > _LEAST * most else complex(_LEAST * most) for e in differences)
     a, b, c = map(cmath.sqrt, (x, y, z))
     sign, shift = (-1.0 if abs(slope - 2 * a * b * c) < abs(slope + 2 * a * b * c) else 1.0), a * b + b * c + c * a
-    return complex(sign * elliprf(*((u + shift) / 4 for u in (x, y, z))))
+    moved = [(u + shift) / 4 for u in (x, y, z)]
+    if all(not u.imag and u.real < 0 for u in moved):
+        return -1j * sign * float(elliprf(*(-u.real for u in moved)))
+    return complex(sign * elliprf(*moved))
 
 
 _TERMS, _FLAT = 6, 200.0  # from this Im τ on, θ1 is a sine

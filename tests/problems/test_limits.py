@@ -93,6 +93,7 @@ DEPARTURES = {  # what pages call a vector, a rotation, a body: by how much it m
     "d1 along d3": (lambda x: nontwisting_frame([Z], (1e-16 / x, 0, 1)), 1e-8),
     "d1 along a curve": (lambda x: ribbon_twist(CIRCLE, np.roll(CIRCLE, -1, axis=0) + 1e-16 / x * Z), 1e-8),
     "side of a polygon": (lambda x: exact.polygon_turn([(1, 0, 0), (1, 1e-24 / x, 0)]), 1e-12),
+    "recorded quaternions": (lambda x: nt.twist((1 + x) * np.eye(4)[[3, 3, 3]], [0, 1, 2], scalar_first=False), 1e-2),
     "axes of friction": (lambda x: nt.dry_friction(1, (1e-24 / x, 0, 1)) + nt.dry_friction(1, Z), 1e-12),
 }
 

@@ -15,8 +15,9 @@ pytest.importorskip("resource")
 from conftest import ended
 from faults.writers import WRITERS, prepare
 from nontwist import plot
-from nontwist.cli import app
-from nontwist.io.whole import reserved_path
+from nontwist.cli import COMMANDS
+from nontwist.cli.shared_options import command
+from nontwist.io.whole import atomic_file, reserved_path
 from refusals import says
 
 
@@ -76,8 +77,8 @@ def test_writers_leave_no_files_open(tmp_path):
     fcntl.flock(held, fcntl.LOCK_EX)
     before = os.listdir("/dev/fd")
     for _ in range(3):
-        with reserved_path(tmp_path / "a.nc"):
-            pass
+        with reserved_path(tmp_path / "a.nc", force=True) as place, atomic_file(place) as file:
+            file.write(b"a")
         with pytest.raises(BlockingIOError, match="another process"), reserved_path(tmp_path / "b.nc"):
             pass
     assert os.listdir("/dev/fd") == before
@@ -123,7 +124,7 @@ def is_output(annotation):
 
 def test_commands_ask_before_replacing():
     """A new command with an option that names a file cannot be forgotten; sweep completes the store of its file."""
-    options = {one.name: get_type_hints(one.callback, include_extras=True) for one in app.registered_commands}
+    options = {name: get_type_hints(command(one), include_extras=True) for name, one in COMMANDS.items()}
     writing = {name for name, hints in options.items() if any(is_output(hint) for hint in hints.values())}
     asking = {name for name, hints in options.items() if "force" in hints}
     assert asking == writing - {"sweep"}

@@ -6,7 +6,7 @@ What each command may end with stands in `outcomes`.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -20,7 +20,7 @@ from . import (
     sweep_commands,
     view_commands,
 )
-from .outcomes import Commands
+from .outcomes import ByName, Commands
 from .shared_options import Command, Opt, command
 
 app = typer.Typer(
@@ -66,5 +66,13 @@ COMMANDS: dict[str, Callable[..., None]] = {
     "validate": check_commands.validate_command,
     "schema": run_commands.schema_command,
 }
-for _name, _function in COMMANDS.items():
-    app.command(_name, cls=Command)(command(_function))
+
+
+def _made(name: str) -> Any:
+    """Return the command of a name."""
+    alone = typer.Typer(add_completion=False, rich_markup_mode=None)
+    alone.command(name, cls=Command)(command(COMMANDS[name]))
+    return typer.main.get_command(alone)
+
+
+Commands.by_name = ByName(COMMANDS, _made)

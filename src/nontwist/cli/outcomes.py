@@ -21,10 +21,11 @@ import io
 import os
 import sys
 import traceback
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import typer
 from typer.core import TyperGroup
@@ -88,14 +89,42 @@ def on_file(path: object) -> Iterator[None]:
         yield
 
 
+class ByName(Mapping[str, Any]):
+    """Commands by name; each is made when it is looked at, since the options of all take longer than the start."""
+
+    def __init__(self, functions: dict[str, Callable[..., None]], make: Callable[[str], Any]) -> None:
+        self.functions, self._made = functions, cache(make)
+
+    def __getitem__(self, name: str) -> Any:
+        if name not in self.functions:
+            raise KeyError(name)
+        return self._made(name)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.functions)
+
+    def __len__(self) -> int:
+        return len(self.functions)
+
+
 class Commands(TyperGroup):
     """The group of all commands; each ends here."""
 
+    by_name: ClassVar[ByName]
+
+    def __init__(self, **how: Any) -> None:
+        super().__init__(**how)
+        self.commands: Any = self.by_name
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        """Return the names of all commands."""
+        return list(self.commands)
+
     def format_commands(self, ctx: Any, formatter: Any) -> None:
         """List the commands with their first sentences, which are wrapped and not cut."""
+        docs = {name: " ".join((f.__doc__ or "").split()) for name, f in self.by_name.functions.items()}
         with formatter.section("Commands"):
-            names = self.list_commands(ctx)
-            formatter.write_dl([(name, self.commands[name].get_short_help_str(10**4)) for name in names])
+            formatter.write_dl([(name, doc.partition(". ")[0].removesuffix(".") + ".") for name, doc in docs.items()])
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         """Return a command; one that is unknown is refused with the command or the Python function that does it."""

@@ -31,7 +31,8 @@ from ..kernels.dual import plain, seeded, tangent
 from ..kernels.elements import Element
 from ..kernels.machine_code import tracing
 from ..kernels.memory import Pointer, put
-from ..kernels.user_functions import UserTracer, numbers, traced
+from ..kernels.numpy_texts import numbers
+from ..kernels.user_functions import UserTracer, traced
 
 if TYPE_CHECKING:
     from .terms import Term

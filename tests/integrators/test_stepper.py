@@ -367,3 +367,13 @@ def test_torque_of_one_wheel():
         nt.stepper(FREE, H).step(wheel_torque=0.2)
     with pytest.raises(ValueError, match=r"^wheel_torque needs a number for each wheel, 3, got 1$"):
         nt.stepper(FREE, H, load=WHEELS).step(wheel_torque=0.2)
+
+
+@pytest.mark.parametrize(("speed", "count"), [(10.4, 0), (10.6, 1)])
+def test_coarse_steps_warn_once(speed, count, recwarn):
+    """A step of the midpoint rule resolves a turn by up to π/3."""
+    body = nt.stepper(nt.standard([3, 4, 5]), 0.1, integrator="lie-midpoint")
+    body.reset(material_angular_velocity=(0, 0, speed))
+    for _ in range(3):
+        body.step()
+    assert sum("the step is coarse: the body may turn by" in str(one.message) for one in recwarn.list) == count

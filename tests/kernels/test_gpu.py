@@ -23,7 +23,7 @@ from covering.problems import BODIES, FORCES, LOADS, TIMES, of_state, schemes
 from integrators.test_contract import fading, remembered
 from nontwist.errors import InputError
 from nontwist.integrators import stack_march
-from nontwist.kernels import functions, gpu, machine_code
+from nontwist.kernels import elementary, gpu, machine_code
 from nontwist.kernels.elements import LITERALS
 from nontwist.kernels.kernel import Kernel, kernel
 from nontwist.kernels.machine_code import lanes_of_text
@@ -118,7 +118,7 @@ def codes(monkeypatch):
 
     def kept(*given):
         code = code_of(*given)
-        for numbers in (functions.HALF_PI, functions.LN_2) if found.is_poisoned else ():
+        for numbers in (elementary.HALF_PI, elementary.LN_2) if found.is_poisoned else ():
             code = code.replace(LITERALS["double"](numbers[1]), LITERALS["double"](np.nan))
         found.append(code)
         return code
@@ -265,7 +265,7 @@ def test_members_fail_as_on_processor(driver, codes, load):
 def test_functions(name, monkeypatch):
     """Within one unit in the last place, where a result is no denormal; the same on floats."""
     monkeypatch.setattr(machine_code, "is_fused", lambda: True)
-    text, exact, rng = getattr(functions, name), getattr(mpmath, name), np.random.default_rng(7)
+    text, exact, rng = getattr(elementary, name), getattr(mpmath, name), np.random.default_rng(7)
     traced = Kernel(lambda x: text(x), "f8 -> f8")
     if name == "exp":
         given = [*rng.uniform(-1, 1, 100), *rng.uniform(-708, 709, 100), 0.0, -745.1, 5e-324]
@@ -288,13 +288,13 @@ def test_functions_in_lanes():
 
     @kernel("f8[:], f8[:], f8[:]")
     def both(x, s, c):
-        sine, cosine = functions.sine_and_cosine(x.load(0, lanes_of_text()))
+        sine, cosine = elementary.sine_and_cosine(x.load(0, lanes_of_text()))
         s.store(0, sine, lanes_of_text())
         c.store(0, cosine, lanes_of_text())
 
     s, c = np.zeros_like(x), np.zeros_like(x)
     both(x, s, c)
-    one = (functions.sin, functions.cos) if machine_code.is_fused() else (math.sin, math.cos)
+    one = (elementary.sin, elementary.cos) if machine_code.is_fused() else (math.sin, math.cos)
     assert [list(s), list(c)] == [[float(f(np.float64(y))) for y in x] for f in one]
 
 

@@ -73,6 +73,16 @@ def test_two_crossings_between_times(integrator):
     assert np.array(run.t_events) == pytest.approx(np.array([[0.51, 0.53], [0.741, 0.761]]), abs=1e-12)
 
 
+@pytest.mark.parametrize("depth", [1e-6, 1e-10, 0])
+def test_faint_crossings_between_times(depth):
+    """Of a body that turns by 2 rad in a step, each time about the full turn; where it only touches, none."""
+    how = {"t_end": 20, "step": 1, "material_angular_velocity": (0, 0, 2)}
+    run = nt.integrate(BODY, events=lambda t, state: state.directors[0, 0] - (1 - depth), **how)
+    half, turns = np.arccos(1 - depth) / 2, np.pi * np.arange(1, 7)
+    expected = [half, *np.ravel([turns - half, turns + half], "F")] if depth else []
+    assert run.t_events[0] == pytest.approx(np.array(expected), abs=1e-10)
+
+
 @pytest.mark.parametrize(("value", "integrator"), [(1e-3, "continuous"), (1e-7, "gauss")])
 def test_slow_turning_of_a_pendulum(value, integrator):
     """At the turnings, every half a period 4 K(sin θ/2)/ω, it accelerates by ω² sin θ."""

@@ -6,12 +6,13 @@ The step of a stepper that its kernels do not take: a run of one step, with all 
 from __future__ import annotations
 
 from dataclasses import replace
-from math import inf, nan
+from math import inf, nan, sqrt
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..errors import warn
 from ..geometry.arrays import Array, as_array, as_floats, as_number, as_positive, vector
 from ..geometry.values import hinted, short_repr
 from ..integrators import INTEGRATORS, IVP, Integrator, SimulationError, Status
@@ -30,7 +31,7 @@ from . import completion
 from .completion import OVERFLOW
 from .contacts import refusal
 from .grid import NODES_APART
-from .notices import failure_message, say, warn_of_cost
+from .notices import coarseness, failure_message, say, warn_of_cost
 from .planning import internal_states, planned, resolve_integrator
 from .problem import STARTS, OfLoop, OfStart, Problem, keywords_of, posed
 from .single_run import whole_of
@@ -312,7 +313,7 @@ class Stepper:
         held = 0 if load.is_dry else COMMANDED * sum(not one.is_driven for one in load.wheels)
         self._kind = Kind(integrator, step, system.euler_inertia.tobytes(), axis, count, held + count)
         self._axes = wheel_axes_of(load)
-        self._steps_now = False
+        self._steps_now, self._unremarkable = False, (integrator.largest_turn / step) ** 2
         self.reset()
 
     @hinted
@@ -401,6 +402,11 @@ class Stepper:
         RuntimeError
             A step of this stepper is being taken, in another thread or by a load.
 
+        Warns
+        -----
+        UserWarning
+            The body turns by more than a step resolves; once.
+
         Notes
         -----
         The moments add to the dead forces of the body and to the load of the stepper. They are processed fastest as
@@ -424,6 +430,11 @@ class Stepper:
                 failure = failure or Failure(Status.NOT_FINITE, k, nan, nan, OVERFLOW.format("load_work"))
                 raise self._error(failure) from failure.cause
             self._state = state = self._made(numbers, now._start, k + 1, ends)
+            x, y, z = numbers[4:7]
+            if (square := x * x + y * y + z * z) > self._unremarkable:
+                self._unremarkable = inf  # it is said once
+                if (text := coarseness(self.integrator, self._single.stack, sqrt(square), "")) is not None:
+                    warn(text)
             return state
         finally:
             self._steps_now = False

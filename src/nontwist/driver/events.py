@@ -22,7 +22,7 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.polynomial.chebyshev import chebroots, chebval, chebvander
+from numpy.polynomial.chebyshev import chebder, chebroots, chebval, chebvander
 from numpy.typing import NDArray
 
 from ..analysis.trajectory import Events
@@ -45,7 +45,6 @@ CORNER = 1e-6  # of the largest coefficient: what the last ones of a polynomial 
 KNOTS = -np.cos(np.pi * np.arange(DEGREE + 1) / DEGREE)
 LOW, ZERO = 1 / 3, 1e-9  # of the sum of the values before and after: a low value, one that is as good as zero
 SAME = 16  # units in the last place between an output time and the node that it is, to round-off
-FINE = np.linspace(-1, 1, 513)[1:-1]  # where the lowest point of a polynomial is looked for
 MESSAGE = "the event {} ended the run at t = {:.12g} s"
 
 
@@ -295,15 +294,16 @@ class Search:
         sign = np.sign(values[:, 0])
         for i, one in enumerate(near):
             k = int(np.argmin(sign[i] * values[i]))
-            t, x, depths = float(times[i, k]), float(values[i, k]), sign[i] * chebval(FINE, series[i])
-            if sign[i] * x > 0 > depths.min():
+            t, x, turns = float(times[i, k]), float(values[i, k]), chebroots(chebder(series[i])).real.clip(-1, 1)
+            depths = sign[i] * chebval(turns, series[i])
+            if sign[i] * x > 0 > depths.min(initial=0.0):
                 begin, end = times[i, [0, -1]].tolist()
-                t = (begin + end) / 2 + (end - begin) / 2 * float(FINE[depths.argmin()])
+                t = (begin + end) / 2 + (end - begin) / 2 * float(turns[depths.argmin()])
                 x = self._value(one, t)
             if sign[i] * x > 0 and abs(series[i, -2:]).max() > CORNER * abs(series[i]).max():
                 ends = times[i, max(k - 1, 0)], times[i, min(k + 1, DEGREE)]
                 t, x = self._lowest(one, ends, float(sign[i]))
-            if sign[i] * x < 0:
+            if sign[i] * x < -ROOT * abs(values[i]).max():
                 yield one._replace(times=(one.times[0], t), values=(one.values[0], x))
                 yield one._replace(times=(t, one.times[1]), values=(x, one.values[1]))
 

@@ -137,7 +137,9 @@ def unremarkable(scheme: Integrator, step: float, span: float) -> float:
     return min(scheme.largest_turn / step, math.cbrt(12 * COARSE / span) / math.cbrt(step) ** 2)
 
 
-def coarseness(scheme: Integrator, problem: IVP, fastest: float) -> str | None:
+def coarseness(
+    scheme: Integrator, problem: IVP, fastest: float, otherwise: str = ", or tolerance = 1e-6"
+) -> str | None:
     """Return what to say of a step in which a body that turns at up to `fastest` rad/s turns too far; else None."""
     if scheme.any_times or problem.output_times is not None or (scheme.is_exact_without_load and problem.is_free):
         return None
@@ -155,7 +157,7 @@ def coarseness(scheme: Integrator, problem: IVP, fastest: float) -> str | None:
         phase = ""
     return (
         f"{COARSE_STEP}: the body may turn by {number_text(math.degrees(turn), '.3g')} degrees in it{phase} "
-        f"({scheme.name}, order {order}); try step <= {fine:.1g}{higher}, or tolerance = 1e-6"
+        f"({scheme.name}, order {order}); try step <= {fine:.1g}{higher}{otherwise}"
     )
 
 

@@ -61,8 +61,8 @@ from numpy.typing import ArrayLike
 from ..geometry import rotations
 from ..geometry.arrays import Array, as_array, as_floats
 from ..kernels.control import Variables, loop, when
+from ..kernels.elementary import sine_and_cosine
 from ..kernels.elements import any_of, copysign, logical_not, select, smaller, sqrt
-from ..kernels.functions import sine_and_cosine
 from ..kernels.kernel import kernel
 from ..kernels.machine_code import lanes_of_text
 from ..kernels.memory import View, matrix_at, put, scratch, vector_at

@@ -15,8 +15,8 @@ import math
 from typing import Annotated, Any, NamedTuple
 
 from ..kernels.control import Variables, when, whilst
+from ..kernels.elementary import sine_and_cosine
 from ..kernels.elements import any_of, copysign, cos, exp, floor, larger, log, logical_not, select, sin, sqrt
-from ..kernels.functions import sine_and_cosine
 from ..kernels.kernel import part
 from ..kernels.memory import View, size_of
 from ..kernels.vectors import AXES, Matrix, Vector

@@ -37,8 +37,8 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 from ..kernels.control import Variables, when
+from ..kernels.elementary import sine_and_cosine
 from ..kernels.elements import any_of, copysign, cosh, logical_not, select, sinh, smaller, sqrt
-from ..kernels.functions import sine_and_cosine
 from ..kernels.kernel import part
 from ..kernels.memory import View
 from ..kernels.vectors import Vector

@@ -1,6 +1,6 @@
 """Texts on a GPU of NVIDIA: PTX by LLVM, and the library of the driver, by ctypes.
 
-Functions. NVPTX has roots, fused multiply-adds and roundings, and no other function: those of `functions` are traced.
+Functions. NVPTX has roots, fused multiply-adds and roundings, and no other function: those of `elementary` are traced.
 
 Contraction. LLVM contracts nothing that is not marked, and nothing is: it writes ``mul.rn`` and ``add.rn``, which the
 assembler in the driver has to leave apart, and ``fma.rn`` where a text says `fma`. So what calls none of these
@@ -21,8 +21,8 @@ from typing import Any
 from ..errors import SENTENCES, InputError
 from . import machine_code
 from .control import when
+from .elementary import OWN
 from .elements import LITERALS, Whole
-from .functions import OWN
 from .kernel import part
 from .machine_code import TraceError, Tracer, tracing
 

@@ -30,6 +30,8 @@ BRANCHES = {
     "symmetric, rotor along": ([3, 3, 4], [0, 0, 2], [0.5, -0.3, 0.8]),
     "rotor along the smallest axis, backwards": ([3, 4, 5], [-4, 0, 0], [0.6, -0.3, 0.7]),
     "motion in a plane of symmetry": ([3, 4, 5], [0, 0, 0.5], [0.6, 0, 0.7]),
+    "a pole on the imaginary axis": ([3, 4, 5], [0, 0, 0.05], [0.5, 0, 0.01]),
+    "a pole below, on that axis": ([5, 4, 3], [-0.05, 0, 0], [0.01, -0.5, 0]),
     "symmetric, rotor across": ([3, 3, 4], [0.3, -0.4, 2], [0.5, -0.3, 0.8]),
     "rotor along the largest axis": ([3, 4, 5], [0, 0, 2], [0.6, -0.3, 0.7]),
     "total momentum along an axis": ([3, 4, 5], [-1.5, 1.2, 2], [0.5, -0.3, 0.8]),

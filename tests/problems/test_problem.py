@@ -3,6 +3,7 @@
 import copy
 import dataclasses
 import pickle
+import re
 from dataclasses import FrozenInstanceError
 
 import numpy as np
@@ -201,6 +202,21 @@ def test_existing_and_changed_problems(tmp_path):
 
 def test_forecast_of_impossible_runs():
     assert PROBLEM.replace(integrator="split", load=nt.dry_friction(0.1)).forecast().problems[0][0] == "integrator"
+
+
+@pytest.mark.parametrize(
+    ("scheme", "torque", "is_taken"), [("split", None, False), ("exact", None, True), ("exact", 0.1, False)]
+)
+def test_wheels_are_forecast(scheme, torque, is_taken):
+    """A wheel without friction is marched as a rotor; that is what the integrator takes, or not."""
+    problem = PROBLEM.replace(integrator=scheme, step=None, load=nt.wheel("z", 0.5, speed=2, torque=torque))
+    told = [reason for _, reason in problem.forecast().problems]
+    assert bool(told) is not is_taken
+    if is_taken:
+        assert abs(nt.simulate(problem).total_momentum.diff("time")).max() < 1e-14
+    else:
+        with pytest.raises(ValueError, match=f"^{re.escape(told[0])}$"):
+            nt.simulate(problem)
 
 
 def test_copy_is_equal(tmp_path):

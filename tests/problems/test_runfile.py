@@ -59,6 +59,8 @@ ONE_LINE = {
     "unit": "[body]\nmass = 0.5 kg\n",
     "key twice": '[body]\nkind = "standard"\nkind = "suslov"\n',
     "table twice": f"{BODY}{TIME}[body]\n",
+    "single brackets at first": f"{BODY}{TIME}[load]\nkind = 'damping'\n[[load]]\nkind = 'damping'\n",
+    "single brackets twice": f"{BODY}{TIME}[sweep.over]\nkey = 'body.mass'\n[ sweep.over ]  # more\n",
     "expression": "a = 1/7\n",
     "UTF-16": "[body]".encode("utf-16"),
     "Latin-1": b'title = "ok"\n# caf\xe9\n',

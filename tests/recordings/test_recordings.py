@@ -418,6 +418,8 @@ REFUSED = {
     "ZIP": no("packed", "PK\x03\x04", "a.zip", packed="a ZIP archive"),
     "gzip": no("packed", lambda path: path.write_bytes(gzip.compress(b"t,qw")), "a.csv.gz"),
     "JSON": no("json", '{"qw": [1]}', "a.json"),
+    "AMC": no("skeleton", "#!OML:ASF motion\n:DEGREES\n1\nroot 0 0 0 1 2 3\narm 4 5 6\n", "a.amc"),
+    "TRC": no("trc", "PathFileType\t4\t(X/Y/Z)\ta.trc\nDataRate\tNumFrames\n100\t1\n", "a.trc"),
     "a spreadsheet": no("unknown-format", "PK\x03\x04\x00", "a.xlsx"),
     "CSV, nine channels": no("not-rotations", SIGNALS, how={"normalize": True}, what="matrices"),
     "CSV, counts": no("scaled", SCALED, rows="60 rows", place="line 2", what="quaternion", looks="scaled by 16383.9"),

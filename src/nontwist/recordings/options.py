@@ -93,6 +93,8 @@ SENTENCES |= {
     "no-content": "the file has no content (0 bytes); export the recording again",
     "packed": "it is {packed}: unpack it, and read the files inside",
     "json": "it is JSON: export the recording as CSV, with a header for each column",
+    "skeleton": "it is AMC, whose angles are about axes that an ASF file defines: convert both to BVH",
+    "trc": "it is TRC, positions of markers: the page on recordings makes attitudes of three",
     "unknown-format": "the suffix {suffix!r} is not known, and it is not a text file; export CSV, or one of {known}",
     "too-large": "it has {size:.3g} GB, and {free:.3g} GB of memory are free: cut it into parts",
     "long-stream": "the stream is longer than {size:g} MB; save it in a file",

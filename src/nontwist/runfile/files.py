@@ -305,7 +305,9 @@ def _explained(text: str, message: str) -> Fault:
     if re.match(r"(---|[\w-]+\s*:(\s|$))", line):
         return Fault(f"line {number}", f"{line} looks like YAML", TOML)
     if "overwrite" in reason or "twice" in reason:
-        return Fault(f"line {number}", f"{line} is given a second time", "each key and table once; [[load]] may repeat")
+        many = re.match(r"\[+\s*(load|event|sweep\.over)\s*\]", line)
+        accepted = f"double brackets around each: [[{many[1]}]]" if many else "each key and table once"
+        return Fault(f"line {number}", f"{line} is given a second time", accepted)
     for pattern, accepted in SLIPS:
         if word := re.fullmatch(pattern, line):
             return Fault(f"line {number}", line, accepted.format(*word.groups()))

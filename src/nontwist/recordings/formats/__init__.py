@@ -34,6 +34,7 @@ BEGINNINGS: dict[bytes, str | tuple[str, str]] = {
     **{b"PK\x03\x04": ("packed", "a ZIP archive"), b"7z\xbc\xaf": ("packed", "a 7z archive")},
     **{b"\x1f\x8b": ("packed", "packed by gzip"), b"BZh": ("packed", "packed by bzip2")},
     **dict.fromkeys((b"{", b"["), ("json", "")),
+    **{b"#!OML:ASF": ("skeleton", ""), b"PathFileType": ("trc", "")},
 }
 
 __all__ = ["BEGINNINGS", "READERS", "Content", "ReadOptions", "readable"]

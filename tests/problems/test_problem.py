@@ -219,6 +219,16 @@ def test_wheels_are_forecast(scheme, torque, is_taken):
             nt.simulate(problem)
 
 
+def test_gyrations_are_forecast():
+    """A momentum wheel makes a satellite gyrate 750 times, in steps that are shorter than it or its orbit suggests."""
+    cubesat = Problem(
+        nt.standard([0.02, 0.022, 0.006]), t_end=5400, load=nt.rotor("y", 0.01), angular_velocity=(1e-3, 2e-3, 1e-3)
+    )
+    times = [0, 5400]
+    steps = 5400 / nt.simulate(cubesat, times=times).attrs["step"]
+    assert 1 / 3 < cubesat.replace(times=times).forecast().steps / steps < 3
+
+
 def test_copy_is_equal(tmp_path):
     PROBLEM.write(tmp_path / "run.toml")
     expected = nt.integrate(PROBLEM).quaternion

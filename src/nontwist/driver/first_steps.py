@@ -186,6 +186,14 @@ def finer(grid: Segments) -> Segments:
     return segmented(grid.borders, np.where(counts % 2 == 0, counts // 2 * 3, 2 * counts))
 
 
+def expected_grid(plan: Plan, first: First) -> Segments:
+    """Return the grid with which a run to a tolerance ends, about: it resolves a gyration, as if that were excited."""
+    grid, span = finer(first.grid), plan.t_end - plan.t_start
+    whole = span * gyration_rate(plan.systems, plan.load, plan.t_start, plan.t_end)
+    more = whole / _resolving(plan, first.scheme, whole) / first.grid.steps if whole else 1.0
+    return segmented(grid.borders, np.ceil(np.diff(grid.numbers) * max(more, 1.0)))
+
+
 def order_of(scheme: Integrator) -> float:
     """Return the order of the steps of an integrator."""
     return float(getattr(scheme, "order", 2))

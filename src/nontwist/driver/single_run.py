@@ -30,7 +30,7 @@ from ..machine import cached_property
 from . import completion, notices
 from .contacts import refusal
 from .events import Ended, Event, march_to_events
-from .first_steps import First, apart_shown, damped_steps, finer, first_run
+from .first_steps import First, apart_shown, damped_steps, expected_grid, first_run
 from .grid import MOST as MOST_STATES
 from .grid import TURN, even_step, load_messages, require_resolution, rest_of_grid, segments_of, stored_count
 from .notices import progress_bar
@@ -228,7 +228,7 @@ class Prepared:
         """The time grid; an estimate where none is given, a ValueError where there are too many steps."""
         plan, begin = self.plan, self.begin
         if self.first is not None:
-            return finer(self.first.grid)
+            return expected_grid(plan.of_steps, self.first)
         rest = None if plan.grid else rest_of_grid(begin.grid, plan.grid_load, plan.t_start, plan.t_end)
         return plan.grid or rest or plan.automatic(begin)
 

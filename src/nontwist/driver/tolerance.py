@@ -28,8 +28,9 @@ where ten floors are more than 1e-3.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import lru_cache
-from math import log
+from math import inf, log
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -120,75 +121,145 @@ def controlled(
         task = plan._replace(scheme=scheme).problem(start, grid, stored, on_gpu=on_gpu, **more)
         return Trial(scheme, grid, task, completion.checked_march(scheme, task, threads))
 
-    goal, floor, (scheme, pace, h, grid, swing) = plan.goal, None, first or first_run(plan, begin)
-    linear = plan.linearised(begin)
-    coarse: Trial | None = None
-    before: tuple[int, float] | None = None
-    level, slowest, amplified, is_rough = 0, 0.0, "", False
-    has_laws = bool(plan.load.called.terms or plan.load.functions or plan.load.memories)
-    gyration = gyration_rate(plan.systems, plan.load, plan.t_start, plan.t_end)
-    rounds = 0
-    while rounds < ROUNDS:
-        rounds += 1
-        if coarse is None:
-            coarse = run(scheme, grid, _samples(grid, plan.store))
-        if floor is None and not (coarse.is_coarse or coarse.is_over):
-            other = run(scheme, coarse.grid, np.array([0, coarse.grid.steps]), moved(begin))
-            floor = _distance(coarse, other, ends=True) / LARGER
-            if FLOORS * floor > plan.goal:
-                slowest = 1.0 / (plan.t_end - plan.t_start)
-                floor = _distance(coarse, other, slowest, ends=True) / LARGER
-            pace = coarse.measured(pace)
-            goal = _within_reach(plan, floor, pace.largest)
-            amplified = _amplified(floor) if FLOORS * floor > VAGUE else ""
-            scheme, better = first_step(linear, begin, pace, swing)
-            if scheme != coarse.scheme or (abs(np.log(better.values / h.values)) >= log(OVERRATED)).any():
-                h, coarse = better, None
-                grid = coarse_grid(linear, begin, scheme, h)
+    return Search(plan, begin, first or first_run(plan, begin), run).found()
+
+
+class Search:
+    """Runs of a plan on one grid after the other, until two of them agree.
+
+    Attributes
+    ----------
+    goal, floor, slowest : float
+        What d has to be below; the floor; the least |W| that errors of W are relative to.
+    scheme, grid, coarse : Integrator, Segments, Trial
+        Of the next coarse run; the run itself where there is one already.
+    before, d, slope, level : tuple, float, float, int
+        Steps and distance of the pair before; the distance of the last pair, as which order it falls, and how often it
+        did not fall.
+    is_rough : bool
+        Whether functions of the state have kinks that no node meets.
+    """
+
+    def __init__(self, plan: Plan, begin: Starts, first: First, run: Callable[..., Trial]) -> None:
+        self.plan, self.begin, self.run, self.linear = plan, begin, run, plan.linearised(begin)
+        self.scheme, self.pace, self.h, self.grid, self.swing = first
+        self.goal, self.slowest = plan.goal, 0.0
+        self.floor: float | None = None
+        self.coarse: Trial | None = None
+        self.before: tuple[int, float] | None = None
+        self.d, self.slope, self.level, self.rounds, self.is_rough = inf, 0.0, 0, 0, False
+        self.has_laws = bool(plan.load.called.terms or plan.load.functions or plan.load.memories)
+        self.gyration = gyration_rate(plan.systems, plan.load, plan.t_start, plan.t_end)
+        self.amplified = ""
+
+    def found(self) -> tuple[Trial, float, float]:
+        """Return the run, the tolerance, and the estimate."""
+        while self.rounds < ROUNDS:
+            self.rounds += 1
+            if self.coarse is None:
+                self.coarse = self.run(self.scheme, self.grid, _samples(self.grid, self.plan.store))
+            coarse = self.coarse
+            is_done = coarse.is_coarse or coarse.is_over
+            if self.floor is None and not is_done and self.has_better_steps(coarse):
                 continue
-        fine = coarse if coarse.is_coarse or coarse.is_over else run(scheme, finer(coarse.grid), None)
-        if fine.is_over:
-            return fine, goal, np.inf
-        if fine.is_coarse:
-            if 2 * coarse.grid.steps > ENOUGH:
+            fine = coarse if is_done else self.run(self.scheme, finer(coarse.grid), None)
+            if fine.is_over:
+                return fine, self.goal, inf
+            if fine.is_coarse:
+                if 2 * coarse.grid.steps > ENOUGH:  # at any step: the run says how it fails
+                    return self.run(self.scheme, fine.grid, None), self.goal, inf
+                self.begin_with(_scaled(coarse.grid, 2.0))
+                self.rounds -= 1  # these end at `ENOUGH`
+            elif self.is_accepted(coarse, fine):
+                if not completion.misses_jump(self.scheme, fine.problem, fine.outcome, self.goal):
+                    if self.amplified and self.plan.tolerance is None:
+                        warn(self.amplified)
+                    return fine, self.goal, self.d
+                self.begin_with(_scaled(coarse.grid, BESIDE))
+            elif not self.refines(coarse, fine):
                 break
-            grid, coarse, before, rounds = _scaled(coarse.grid, 2.0), None, None, rounds - 1  # these end at `ENOUGH`
-            continue
-        p, N, gap = order_of(scheme), coarse.grid.steps, _distance(coarse, fine)
-        d = gap if slowest == 0.0 else _distance(coarse, fine, slowest)
-        slope = p if before is None else log(max(before[1], EPS**2) / max(d, EPS**2)) / log(N / before[0])
-        is_surer = before is not None and slope >= p / 2 and not has_laws
-        if d <= TENTH * goal or (d <= goal and is_surer):
-            if completion.misses_jump(scheme, fine.problem, fine.outcome, goal):
-                grid, coarse, before = _scaled(coarse.grid, BESIDE), None, None
-                continue
-            if amplified and plan.tolerance is None:
-                warn(amplified)
-            return fine, goal, d
-        is_seen = (gap < UNSEEN and fine.grid.longest * gyration <= STEADY) or fine.grid.steps > MANY
-        before, level = (N, d), level + (is_seen and slope < LEVEL)
-        factor = min(1.1 * (d / (TENTH * goal)) ** (1 / min(max(slope, 1.0), ROUGH if is_rough else p)), WIDEST)
-        whole = (d / (TENTH * goal)) ** (1 / max(slope, 0.5))
-        has_kinks = has_laws and d > FLOORS * (floor or 0.0)
-        if level > 1 and d <= goal and not has_kinks:  # of round-off
-            return fine, goal, d
-        is_hopeless = (level > 1 or N * whole > ENOUGH) and not (is_rough and plan.load.is_compiled)
-        if is_seen and (is_hopeless or fine.grid.steps * factor > ENOUGH):
-            if is_rough or not has_kinks:
-                break
-            is_rough, linear = True, linear._replace(schemes=(min(linear.schemes, key=order_of),))
-            (scheme, h), coarse, before, level, rounds = first_step(linear, begin, pace, swing), None, None, 0, 0
-            grid = coarse_grid(linear, begin, scheme, h)
-            continue
-        grid, coarse = _scaled(coarse.grid, factor), fine if factor <= NEARLY else None
-    if fine.is_coarse:  # at any step: the run says how it fails
-        fine = run(scheme, fine.grid, None)
-        return fine, goal, np.inf
-    text = amplified or _unreached(scheme, plan.load, fine, goal, d, slope)
-    if plan.tolerance is not None and d > goal:
-        raise ValueError(text)
-    warn(text)
-    return fine, goal, d
+        return self.unreached(fine)
+
+    def begin_with(self, grid: Segments) -> None:
+        """Take a grid for the next coarse run, which is compared with none before."""
+        self.grid, self.coarse, self.before = grid, None, None
+
+    def has_better_steps(self, coarse: Trial) -> bool:
+        """Find the floor and the size of W; return whether the first steps that follow from it are others."""
+        plan = self.plan
+        other = self.run(self.scheme, coarse.grid, np.array([0, coarse.grid.steps]), moved(self.begin))
+        floor = _distance(coarse, other, ends=True) / LARGER
+        if FLOORS * floor > plan.goal:
+            self.slowest = 1.0 / (plan.t_end - plan.t_start)
+            floor = _distance(coarse, other, self.slowest, ends=True) / LARGER
+        self.floor, self.pace = floor, coarse.measured(self.pace)
+        self.goal = _within_reach(plan, floor, self.pace.largest)
+        self.amplified = _amplified(floor) if FLOORS * floor > VAGUE else ""
+        before, h = self.scheme, self.h
+        self.choose_steps()
+        if self.scheme == before and (abs(np.log(self.h.values / h.values)) < log(OVERRATED)).all():
+            self.h = h
+            return False
+        self.begin_with(coarse_grid(self.linear, self.begin, self.scheme, self.h))
+        return True
+
+    def choose_steps(self) -> None:
+        """Choose the order and the first steps."""
+        self.scheme, self.h = first_step(self.linear, self.begin, self.pace, self.swing)
+
+    def is_accepted(self, coarse: Trial, fine: Trial) -> bool:
+        """Measure d and how it falls; return whether it is small enough."""
+        p, N = order_of(self.scheme), coarse.grid.steps
+        self.gap = self.d = _distance(coarse, fine)
+        if self.slowest:
+            self.d = _distance(coarse, fine, self.slowest)
+        self.slope, is_surer = p, False
+        if self.before is not None:
+            self.slope = log(max(self.before[1], EPS**2) / max(self.d, EPS**2)) / log(N / self.before[0])
+            is_surer = self.slope >= p / 2 and not self.has_laws
+        return self.d <= TENTH * self.goal or (self.d <= self.goal and is_surer)
+
+    def refines(self, coarse: Trial, fine: Trial) -> bool:
+        """Refine the steps, or begin anew with the lowest order; return whether that is of use."""
+        is_seen = self.gap < UNSEEN and fine.grid.longest * self.gyration <= STEADY
+        is_seen = is_seen or fine.grid.steps > MANY
+        self.before, self.level = (coarse.grid.steps, self.d), self.level + (is_seen and self.slope < LEVEL)
+        if self.is_at_round_off:
+            return False
+        slope, most = max(self.slope, 1.0), ROUGH if self.is_rough else order_of(self.scheme)
+        above = self.d / (TENTH * self.goal)
+        factor = min(1.1 * above ** (1 / min(slope, most)), WIDEST)
+        steps_needed = coarse.grid.steps * above ** (1 / max(self.slope, 0.5))
+        is_hopeless = (self.level > 1 or steps_needed > ENOUGH) and not (self.is_rough and self.plan.load.is_compiled)
+        if not (is_seen and (is_hopeless or fine.grid.steps * factor > ENOUGH)):
+            self.grid, self.coarse = _scaled(coarse.grid, factor), fine if factor <= NEARLY else None
+            return True
+        if self.is_rough or not self.has_kinks:
+            return False
+        self.is_rough, self.level, self.rounds = True, 0, 0
+        self.linear = self.linear._replace(schemes=(min(self.linear.schemes, key=order_of),))
+        self.choose_steps()
+        self.begin_with(coarse_grid(self.linear, self.begin, self.scheme, self.h))
+        return True
+
+    @property
+    def has_kinks(self) -> bool:
+        """Whether what is left of d may come from kinks of functions: it is not round-off."""
+        return self.has_laws and self.d > FLOORS * (self.floor or 0.0)
+
+    @property
+    def is_at_round_off(self) -> bool:
+        """Whether d no longer falls, and is small enough."""
+        return self.level > 1 and self.d <= self.goal and not self.has_kinks
+
+    def unreached(self, fine: Trial) -> tuple[Trial, float, float]:
+        """Return the last run with a warning, or raise a ValueError where a tolerance that is asked for is missed."""
+        if not self.is_at_round_off:
+            text = self.amplified or _unreached(self.scheme, self.plan.load, fine, self.goal, self.d, self.slope)
+            if self.plan.tolerance is not None and self.d > self.goal:
+                raise ValueError(text)
+            warn(text)
+        return fine, self.goal, self.d
 
 
 def _scaled(grid: Segments, factor: float) -> Segments:

@@ -1,9 +1,10 @@
 """Ensembles as datasets: variables with a member axis in front, status and statistics by member; measured orders.
 
 Statistics of motions over time, drift of the invariants, extrema, means and total twist, are taken over the ends of all
-steps, whatever is stored; those of the reaction moment over its means on the steps. Integrals over time have the order
-of the integrator: they are integrated with the steps. The invariants are K + V less the work of the load and the
-momentum of `invariants.conserved_momentum`.
+steps, whatever is stored; those of the reaction moment over its means on the steps. Extrema are those between the ends
+as well, where states have power series there (`completion.with_extrema`). Integrals over time have the order of the
+integrator: they are integrated with the steps. The invariants are K + V less the work of the load and the momentum of
+`invariants.conserved_momentum`.
 
 Measured orders from three runs with steps h, h/2, h/4 (eq:second_quotient).
 

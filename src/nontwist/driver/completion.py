@@ -18,6 +18,7 @@ from operator import itemgetter
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.polynomial.chebyshev import chebder, chebval, chebvander
 from numpy.polynomial.legendre import leggauss
 from numpy.typing import NDArray
 
@@ -26,7 +27,7 @@ from ..geometry.arrays import Array
 from ..geometry.attitudes import States, attitudes, directors
 from ..geometry.values import number_text, vector_text
 from ..integrators.integrator import BEYOND_JUMPS, IVP, Failure, Integrator, Outcome, Status
-from ..integrators.ivp import FIRST, OBSERVED, onward
+from ..integrators.ivp import FIRST, LEAST, MOST, OBSERVED, onward
 from ..integrators.load_samples import as_gyrostat, as_marched, of_locked, set_works_between, with_wheels, with_works
 from ..integrators.marched_stacks import Marched
 from ..integrators.stepping import one_by_one
@@ -50,6 +51,11 @@ MISSING_STATES = "the integrator returned {} of {} states, which is a defect of 
 NOT_INCREASING = "the output times do not increase up to t_end"
 X, WEIGHTS = (leggauss(4)[0] + 1) / 2, leggauss(4)[1] / 2  # between two nodes
 COLUMN_NAMES = np.repeat(list(OBSERVED), list(OBSERVED.values()))
+KNOTS = -np.cos(np.pi * np.arange(21) / 20)  # of a step: polynomials follow a quantity that turns by 6 rad in it
+BETWEEN = "kinetic_energy", "potential_energy", "spatial_momentum", "material_momentum", "twist_rate"
+AT_ONCE = 2**18  # states
+ROUND_OFF, NEWTON = 1e-12, 5  # of the largest value: what an extremum is off by; iterations
+NEAR = 0.05  # of the span of a quantity, by which its values at knots are below its extrema, at most
 
 
 def checked_march(scheme: Integrator, problem: IVP, threads: int = 1) -> Outcome:
@@ -146,6 +152,50 @@ def _observed(scheme: Integrator, problem: IVP) -> Array:
     result = np.array([ends[0], ends.min(axis=0), ends.max(axis=0), integral])
     result[:, -1] = np.nan, reaction.min(), reaction.max(), reaction @ h
     return result
+
+
+def with_extrema(scheme: Integrator, problem: IVP, outcome: Outcome, threads: int = 1) -> Outcome:
+    """Return an outcome whose extrema are those of the motion between nodes as well, where states have series there.
+
+    In each step a quantity is the polynomial through its values at Chebyshev's knots.
+    """
+    if outcome.observed is None or not scheme.has_series(problem.systems, problem.load):
+        return outcome
+    nodes, observed = problem.times(np.arange(problem.steps + 1)), outcome.observed.copy()
+    inside = nodes[:-1, None] + np.diff(nodes)[:, None] * ((1 + KNOTS[:-1]) / 2)
+    times = np.append(inside.ravel(), nodes[-1])
+    size = max(1, AT_ONCE // len(times))
+    for first in range(0, len(problem), size):
+        last = min(first + size, len(problem))
+        part = replace(problem.part(first, last), output_times=times, intervals=False, observed=False)
+        acting = Acting.of(part.load, times, part.load_scale)
+        found = observables(BETWEEN, part.systems, unchecked(scheme, part, threads).states, acting)
+        for name, y in found.items():
+            for row, sign in ((MOST, 1.0), (LEAST, -1.0)):
+                own = observed[first:last, row, name == COLUMN_NAMES].T
+                for known, values in zip(own, np.moveaxis(np.atleast_3d(y), 2, 0), strict=True):
+                    highest = _highest(sign * values)
+                    is_more = highest - sign * known > ROUND_OFF * abs(values).max(axis=1)
+                    known[is_more] = sign * highest[is_more]
+                observed[first:last, row, name == COLUMN_NAMES] = own.T
+    return outcome._replace(observed=observed)
+
+
+def _highest(values: Array) -> Array:
+    """Return the greatest values, (m,), of functions with these at the knots of all steps, (m, n)."""
+    count = len(KNOTS) - 1
+    own = values[:, np.arange(0, values.shape[1] - 1, count)[:, None] + np.arange(count + 1)]
+    found = np.nanmax(values, axis=1, initial=-np.inf)
+    near = found - NEAR * (found - np.nanmin(values, axis=1, initial=np.inf))
+    member, step = np.nonzero(own.max(axis=2) >= near[:, None])
+    series = np.linalg.solve(chebvander(KNOTS, count), own[member, step].T)
+    slope, x = chebder(series), KNOTS[own[member, step].argmax(axis=1)]
+    bend = chebder(slope)
+    for _ in range(NEWTON):
+        b = chebval(x, bend, tensor=False)
+        x = np.clip(x - np.divide(chebval(x, slope, tensor=False), b, out=np.zeros_like(b), where=b < 0), -1, 1)
+    np.maximum.at(found, member, chebval(x, series, tensor=False))
+    return found
 
 
 def between(scheme: Integrator, problem: IVP, states: States) -> States | None:

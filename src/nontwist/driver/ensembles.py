@@ -94,7 +94,8 @@ def simulate_ensemble(
     reduce : names, optional
         Statistics over all steps, whatever is stored. "drift": `energy_drift` (kinetic and potential energy less the
         work of the load) and, where momentum is conserved, `momentum_drift`. "extrema": `..._min` and `..._max` of
-        energies, momenta, twist rate and reaction moment. "averages": `..._mean`, the means of the same over time.
+        energies, momenta, twist rate and reaction moment, between the ends of steps as well in `gauss` above order 2,
+        unless functions run in Python or loads have memory. "averages": `..._mean`, the means of the same over time.
         "total_twist".
     threads : int, optional
         Number of threads; by default one per processor.
@@ -181,6 +182,8 @@ def simulate_ensemble(
         else:
             problem = replace(problem, progress=report)
             outcome = completion.checked_march(scheme, problem, workers)
+    if "extrema" in requested:
+        outcome = completion.with_extrema(scheme, problem, outcome, workers)
     done = outcome.states.velocity[outcome.failures[:, 0] == Status.OK]
     if not plan.is_controlled and (text := coarseness(scheme, problem, largest_size(done))) is not None:
         warn(text)

@@ -28,7 +28,7 @@ from scipy.spatial.transform import Rotation
 
 from ..analysis import statistics
 from ..analysis.variables import SIZES, Acting, about, observables
-from ..driver.completion import checked_march
+from ..driver.completion import checked_march, with_extrema
 from ..driver.notices import messages
 from ..driver.planning import known_body
 from ..driver.starts import starts
@@ -342,6 +342,8 @@ class Members:
             try:
                 scheme, problem = self.problem(file, part(inner, places), len(places))
                 outcome = checked_march(scheme, problem)
+                if "extrema" in self.sweep.reduce:
+                    outcome = with_extrema(scheme, problem, outcome)
             except ValueError as error:
                 alone = {0: str(error).replace(" of member 0", "")} if len(places) == 1 else {}
                 reasons = error.reasons if isinstance(error, InvalidMembersError) else alone

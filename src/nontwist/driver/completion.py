@@ -53,7 +53,7 @@ X, WEIGHTS = (leggauss(4)[0] + 1) / 2, leggauss(4)[1] / 2  # between two nodes
 COLUMN_NAMES = np.repeat(list(OBSERVED), list(OBSERVED.values()))
 KNOTS = -np.cos(np.pi * np.arange(21) / 20)  # of a step: polynomials follow a quantity that turns by 6 rad in it
 BETWEEN = "kinetic_energy", "potential_energy", "spatial_momentum", "material_momentum", "twist_rate"
-AT_ONCE = 2**18  # states
+AT_ONCE, LONGER = 2**18, 5.0  # states; times as long as without these, as measured
 ROUND_OFF, NEWTON = 1e-12, 5  # of the largest value: what an extremum is off by; iterations
 NEAR = 0.05  # of the span of a quantity, by which its values at knots are below its extrema, at most
 

@@ -398,3 +398,11 @@ def test_labels_of_pandas():
     assert (nt.standard(J.loc[list("yzx"), list("zxy")]).inertia == nt.standard(PAPER_J).inertia).all()
     run = nt.simulate(STANDARD, t_end=1, step=0.1, angular_velocity=table.loc[0, ["y", "z", "x"]])
     assert run.angular_velocity.values[0] == pytest.approx(W[1])
+
+
+@pytest.mark.filterwarnings("ignore:the step is coarse", "ignore:.* have failed")
+def test_extrema_beside_failed_members():
+    how = {"t_end": 5, "step": 0.5, "reduce": "extrema"}
+    many = nt.simulate_ensemble(nt.standard([3, 4, 5]), material_angular_velocity=[[0.1, 2, 0.1], [0, 900, 3]], **how)
+    assert list(many.status) == [0, 3]
+    assert many.kinetic_energy_max.values == pytest.approx([8.04, np.nan], rel=1e-12, nan_ok=True)

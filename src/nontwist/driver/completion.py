@@ -169,14 +169,17 @@ def with_extrema(scheme: Integrator, problem: IVP, outcome: Outcome, threads: in
         last = min(first + size, len(problem))
         part = replace(problem.part(first, last), output_times=times, intervals=False, observed=False)
         acting = Acting.of(part.load, times, part.load_scale)
-        found = observables(BETWEEN, part.systems, unchecked(scheme, part, threads).states, acting)
-        for name, y in found.items():
+        found = unchecked(scheme, part, threads)
+        is_done = found.good == len(times)
+        for array in found.states[:2]:
+            array[~is_done] = np.nan
+        for name, y in observables(BETWEEN, part.systems, found.states, acting).items():
             for row, sign in ((MOST, 1.0), (LEAST, -1.0)):
                 own = observed[first:last, row, name == COLUMN_NAMES].T
                 for known, values in zip(own, np.moveaxis(np.atleast_3d(y), 2, 0), strict=True):
-                    highest = _highest(sign * values)
-                    is_more = highest - sign * known > ROUND_OFF * abs(values).max(axis=1)
-                    known[is_more] = sign * highest[is_more]
+                    before, after = known[is_done], sign * _highest(sign * values[is_done])
+                    is_more = sign * (after - before) > ROUND_OFF * abs(values[is_done]).max(axis=1)
+                    known[is_done] = np.where(is_more, after, before)
                 observed[first:last, row, name == COLUMN_NAMES] = own.T
     return outcome._replace(observed=observed)
 
@@ -185,8 +188,8 @@ def _highest(values: Array) -> Array:
     """Return the greatest values, (m,), of functions with these at the knots of all steps, (m, n)."""
     count = len(KNOTS) - 1
     own = values[:, np.arange(0, values.shape[1] - 1, count)[:, None] + np.arange(count + 1)]
-    found = np.nanmax(values, axis=1, initial=-np.inf)
-    near = found - NEAR * (found - np.nanmin(values, axis=1, initial=np.inf))
+    found = values.max(axis=1)
+    near = found - NEAR * (found - values.min(axis=1))
     member, step = np.nonzero(own.max(axis=2) >= near[:, None])
     series = np.linalg.solve(chebvander(KNOTS, count), own[member, step].T)
     slope, x = chebder(series), KNOTS[own[member, step].argmax(axis=1)]

@@ -25,6 +25,7 @@ from itertools import accumulate
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.polynomial.chebyshev import chebder, chebval, chebvander
 
 from ..geometry.arrays import Array, as_number
 from ..geometry.values import among, as_list, nearest, short_repr
@@ -130,6 +131,8 @@ STATISTICS = ("drift", "extrema", "averages", "total_twist")
 _ENDS = list(accumulate(OBSERVED.values()))
 PLACES = {name: slice(end - OBSERVED[name], end) for name, end in zip(OBSERVED, _ENDS, strict=True)}
 _NO_VARIABLES = ("energy", "vertical_momentum")
+KNOTS = -np.cos(np.pi * np.arange(21) / 20)  # of a step: polynomials follow a quantity that turns by 6 rad in it
+NEAR, NEWTON = 0.05, 5  # of its span: how far values at knots are below its extrema, at most; iterations
 Described = dict[str, tuple[tuple[str, ...], Array, dict[str, str]]]
 
 
@@ -185,6 +188,26 @@ def named(
     if "total_twist" in names:
         attributes = {"units": "rad", "long_name": "twist about the body axis, all turns", "symbol": "ψ"}
         found["total_twist"] = (("member",), observed[:, INTEGRAL, PLACES["twist_rate"]][:, 0], attributes)
+    return found
+
+
+def highest(values: Array) -> Array:
+    """Return the greatest values, (m,), of functions with these at the knots of all steps, (m, n).
+
+    In each step a function is the polynomial through its values at the knots.
+    """
+    count = len(KNOTS) - 1
+    own = values[:, np.arange(0, values.shape[1] - 1, count)[:, None] + np.arange(count + 1)]
+    found = values.max(axis=1)
+    near = found - NEAR * (found - values.min(axis=1))
+    member, step = np.nonzero(own.max(axis=2) >= near[:, None])
+    series = np.linalg.solve(chebvander(KNOTS, count), own[member, step].T)
+    slope, x = chebder(series), KNOTS[own[member, step].argmax(axis=1)]
+    bend = chebder(slope)
+    for _ in range(NEWTON):
+        b = chebval(x, bend, tensor=False)
+        x = np.clip(x - np.divide(chebval(x, slope, tensor=False), b, out=np.zeros_like(b), where=b < 0), -1, 1)
+    np.maximum.at(found, member, chebval(x, series, tensor=False))
     return found
 
 

@@ -18,7 +18,6 @@ from operator import itemgetter
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.polynomial.chebyshev import chebder, chebval, chebvander
 from numpy.polynomial.legendre import leggauss
 from numpy.typing import NDArray
 
@@ -51,11 +50,9 @@ MISSING_STATES = "the integrator returned {} of {} states, which is a defect of 
 NOT_INCREASING = "the output times do not increase up to t_end"
 X, WEIGHTS = (leggauss(4)[0] + 1) / 2, leggauss(4)[1] / 2  # between two nodes
 COLUMN_NAMES = np.repeat(list(OBSERVED), list(OBSERVED.values()))
-KNOTS = -np.cos(np.pi * np.arange(21) / 20)  # of a step: polynomials follow a quantity that turns by 6 rad in it
 BETWEEN = "kinetic_energy", "potential_energy", "spatial_momentum", "material_momentum", "twist_rate"
 AT_ONCE, LONGER = 2**18, 5.0  # states; times as long as without these, as measured
-ROUND_OFF, NEWTON = 1e-12, 5  # of the largest value: what an extremum is off by; iterations
-NEAR = 0.05  # of the span of a quantity, by which its values at knots are below its extrema, at most
+ROUND_OFF = 1e-12  # of the largest value: what an extremum is off by
 
 
 def checked_march(scheme: Integrator, problem: IVP, threads: int = 1) -> Outcome:
@@ -155,10 +152,9 @@ def _observed(scheme: Integrator, problem: IVP) -> Array:
 
 
 def with_extrema(scheme: Integrator, problem: IVP, outcome: Outcome, threads: int = 1) -> Outcome:
-    """Return an outcome whose extrema are those of the motion between nodes as well, where states have series there.
+    """Return an outcome whose extrema are those of the motion between nodes as well, where states have series there."""
+    from ..analysis.statistics import KNOTS, highest  # which a run does not need
 
-    In each step a quantity is the polynomial through its values at Chebyshev's knots.
-    """
     if outcome.observed is None or not scheme.has_series(problem.systems, problem.load):
         return outcome
     nodes, observed = problem.times(np.arange(problem.steps + 1)), outcome.observed.copy()
@@ -177,28 +173,11 @@ def with_extrema(scheme: Integrator, problem: IVP, outcome: Outcome, threads: in
             for row, sign in ((MOST, 1.0), (LEAST, -1.0)):
                 own = observed[first:last, row, name == COLUMN_NAMES].T
                 for known, values in zip(own, np.moveaxis(np.atleast_3d(y), 2, 0), strict=True):
-                    before, after = known[is_done], sign * _highest(sign * values[is_done])
+                    before, after = known[is_done], sign * highest(sign * values[is_done])
                     is_more = sign * (after - before) > ROUND_OFF * abs(values[is_done]).max(axis=1)
                     known[is_done] = np.where(is_more, after, before)
                 observed[first:last, row, name == COLUMN_NAMES] = own.T
     return outcome._replace(observed=observed)
-
-
-def _highest(values: Array) -> Array:
-    """Return the greatest values, (m,), of functions with these at the knots of all steps, (m, n)."""
-    count = len(KNOTS) - 1
-    own = values[:, np.arange(0, values.shape[1] - 1, count)[:, None] + np.arange(count + 1)]
-    found = values.max(axis=1)
-    near = found - NEAR * (found - values.min(axis=1))
-    member, step = np.nonzero(own.max(axis=2) >= near[:, None])
-    series = np.linalg.solve(chebvander(KNOTS, count), own[member, step].T)
-    slope, x = chebder(series), KNOTS[own[member, step].argmax(axis=1)]
-    bend = chebder(slope)
-    for _ in range(NEWTON):
-        b = chebval(x, bend, tensor=False)
-        x = np.clip(x - np.divide(chebval(x, slope, tensor=False), b, out=np.zeros_like(b), where=b < 0), -1, 1)
-    np.maximum.at(found, member, chebval(x, series, tensor=False))
-    return found
 
 
 def between(scheme: Integrator, problem: IVP, states: States) -> States | None:

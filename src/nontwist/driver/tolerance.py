@@ -121,10 +121,10 @@ def controlled(
         task = plan._replace(scheme=scheme).problem(start, grid, stored, on_gpu=on_gpu, **more)
         return Trial(scheme, grid, task, completion.checked_march(scheme, task, threads))
 
-    return Search(plan, begin, first or first_run(plan, begin), run).found()
+    return Refinement(plan, begin, first or first_run(plan, begin), run).found()
 
 
-class Search:
+class Refinement:
     """Runs of a plan on one grid after the other, until two of them agree.
 
     Attributes

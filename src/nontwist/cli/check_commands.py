@@ -16,6 +16,7 @@ import typer
 import nontwist
 
 from ..errors import RunFileError
+from ..geometry.arrays import Dataset
 from ..geometry.values import number_text
 from ..io.whole import require_free, written
 from ..machine import cores
@@ -37,8 +38,6 @@ from .shared_options import (
 )
 
 if TYPE_CHECKING:
-    import xarray
-
     from ..driver.single_run import Prepared
     from ..paper.tables import Table as PaperTable
     from ..validation import Check
@@ -187,7 +186,7 @@ def print_target(file: Path, whole: Prepared, target: float, given: list[str], a
             say_next(("run", file), sets=given)
 
 
-def measured(runs: list[xarray.Dataset], moved: xarray.Dataset, order: int) -> dict[str, Any]:
+def measured(runs: list[Dataset], moved: Dataset, order: int) -> dict[str, Any]:
     """Return quotients and orders at five times, their median, and what they say of the error of the first run.
 
     That from a start that is `moved` shows round-off as in `comparison`; differences within it have no order.
@@ -305,7 +304,7 @@ def _choice(text: str) -> str | tuple[str, int]:
     return name, int(order)
 
 
-def _rows_of(found: xarray.Dataset) -> list[dict[str, Any]]:
+def _rows_of(found: Dataset) -> list[dict[str, Any]]:
     """Return every run as plain data."""
     rows = []
     for name in found["integrator"].values:

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, TextIO
 import nontwist
 
 from ..errors import ResultFileError
+from ..geometry.arrays import Dataset
 from ..geometry.values import nearest, number_text
 from ..io.whole import require_free, written
 from .outcomes import require_readable
@@ -21,8 +22,6 @@ from .run_commands import body_rows, invariants_kept, rows_of_run, steps_of, tim
 from .shared_options import AsJson, DecimalComma, Force, Opt, argument, refuse, require_suffix
 
 if TYPE_CHECKING:
-    import xarray
-
     from ..models.system import DirectorSystem
 
 TOLD = {"file", "bytes", "title", "system", "load", "integrator", "step", "steps", "status", "message", "versions"}
@@ -84,10 +83,10 @@ def export_command(
     csv = partial(write_csv, decimal_comma=decimal_comma)
     if euler is not None:
         require_sequence(euler)
-    writers: dict[str, Callable[[xarray.Dataset, TextIO], None]] = {"csv": csv, "json": write_json}
+    writers: dict[str, Callable[[Dataset, TextIO], None]] = {"csv": csv, "json": write_json}
     write = writers.get(kind)
 
-    def opened() -> xarray.Dataset:
+    def opened() -> Dataset:
         whole = _run_or_sweep(result)
         run = _chosen(whole, names, kind)
         if euler is not None:
@@ -114,7 +113,7 @@ def export_command(
         say_written([out])
 
 
-def _opened(path: Path) -> xarray.Dataset:
+def _opened(path: Path) -> Dataset:
     """Return what a file holds along time; a ResultFileError where it holds nothing along it."""
     require_readable(path)
     run = nontwist.open_run(path)
@@ -123,7 +122,7 @@ def _opened(path: Path) -> xarray.Dataset:
     return run
 
 
-def _run_or_sweep(path: Path) -> xarray.Dataset:
+def _run_or_sweep(path: Path) -> Dataset:
     """Return a run, or the members of a sweep, numbered, what was varied first."""
     if not path.is_dir():
         return _opened(path)
@@ -137,7 +136,7 @@ def _run_or_sweep(path: Path) -> xarray.Dataset:
     return ordered.assign_coords(member=range(members.sizes["member"]))
 
 
-def _chosen(run: xarray.Dataset, names: str | None, kind: str) -> xarray.Dataset:
+def _chosen(run: Dataset, names: str | None, kind: str) -> Dataset:
     """Return a run or a sweep with these variables only, separated by commas; times and members stay.
 
     For CSV, variables of events come without states, whose lines are others.
@@ -159,7 +158,7 @@ def _chosen(run: xarray.Dataset, names: str | None, kind: str) -> xarray.Dataset
     return run[chosen].assign_coords({name: run[name] for name in always})
 
 
-def _facts(run: xarray.Dataset, path: Path, body: DirectorSystem | None) -> dict[str, Any]:
+def _facts(run: Dataset, path: Path, body: DirectorSystem | None) -> dict[str, Any]:
     """Return everything that `info` prints, as plain data."""
     from ..analysis.invariants import STATES
     from ..io.run_files import record

@@ -14,6 +14,7 @@ import typer
 import nontwist
 
 from ..errors import SimulationError
+from ..geometry.arrays import Dataset
 from ..io.whole import require_free
 from ..recordings.options import ReadOptions
 from ..spec import specs
@@ -22,8 +23,6 @@ from .printing import say
 from .shared_options import Force, Opt, argument, given_again, numbers_of, refuse, require_suffix
 
 if TYPE_CHECKING:
-    import xarray
-
     from ..loads import Load
     from ..viewer import View
 
@@ -177,8 +176,8 @@ def _read(path: Path, how: ReadOptions, span: slice, given: list[str]) -> Any:
     return found
 
 
-def _part(data: Any, span: slice) -> xarray.Dataset:
-    part: xarray.Dataset = data
+def _part(data: Any, span: slice) -> Dataset:
+    part: Dataset = data
     if span == slice(None) or "time" not in data.indexes:
         return part
     part, time = data.sel(time=span), data["time"].values
@@ -190,7 +189,7 @@ def _part(data: Any, span: slice) -> xarray.Dataset:
     return part
 
 
-def _smooth_part(path: Path, run: xarray.Dataset, span: slice) -> xarray.Dataset:
+def _smooth_part(path: Path, run: Dataset, span: slice) -> Dataset:
     """Return a part of a run, its states completed where they are far apart; or warn that they are."""
     from ..viewer.content import FAR, NEEDED, STATES
 
@@ -215,7 +214,7 @@ def _smooth_part(path: Path, run: xarray.Dataset, span: slice) -> xarray.Dataset
         return part
 
 
-def largest_turn(run: xarray.Dataset) -> float:
+def largest_turn(run: Dataset) -> float:
     """Return the largest rotation from one state of a run to the next, rad."""
     from ..recordings.motions import rotation
     from ..viewer.content import turns_between
@@ -224,8 +223,8 @@ def largest_turn(run: xarray.Dataset) -> float:
 
 
 def smooth(
-    run: xarray.Dataset, load: Load | None = None, span: tuple[float, float] | None = None, most: int = DRAWN
-) -> xarray.Dataset:
+    run: Dataset, load: Load | None = None, span: tuple[float, float] | None = None, most: int = DRAWN
+) -> Dataset:
     """Return a run, or a span of it, with more states where its own lie far apart; at most about `most`.
 
     A ValueError or a SimulationError says why there can be none: a load of functions, or one that ends here.

@@ -26,7 +26,7 @@ from dataclasses import fields
 from functools import partial
 from math import ceil, log2
 from time import perf_counter
-from typing import TYPE_CHECKING, Any, Unpack
+from typing import Any, Unpack
 
 import numpy as np
 
@@ -36,7 +36,7 @@ from ..driver.grid import count_steps, fits, inside, kinks, segments_of, with_sp
 from ..driver.notices import COARSE_STEP, progress_bar
 from ..driver.planning import resolve_integrator
 from ..driver.problem import OfComparison, Problem, posed, start_of, takes
-from ..geometry.arrays import Array, as_array
+from ..geometry.arrays import Array, Dataset, as_array
 from ..geometry.values import as_list, as_whole, short_repr
 from ..integrators import INTEGRATORS, Integrator, SimulationError, Status
 from ..integrators.ivp import Segments, segmented
@@ -44,9 +44,6 @@ from ..loads import Load, as_load
 from ..models.stack import stacked
 from ..models.system import DirectorSystem, as_system
 from .reference import Case, Reference, automatic_run, distances, reference
-
-if TYPE_CHECKING:
-    import xarray
 
 FEW = 4
 BESIDE = ("step", "tolerance", "integrator", "order", "store")  # which a problem may have
@@ -61,7 +58,7 @@ def compare(
     repeats: int = 5,
     progress: bool = False,
     **keywords: Unpack[OfComparison],
-) -> xarray.Dataset:
+) -> Dataset:
     """Run many integrators at many steps on one problem and compare them with a reference solution.
 
     Parameters
@@ -364,7 +361,7 @@ def comparison_dataset(
     outcomes: Mapping[tuple[str, float], Mapping[str, Any]],
     reference: Reference,
     invariants: Mapping[str, Invariant],
-) -> xarray.Dataset:
+) -> Dataset:
     """Return the dataset that `nontwist.compare` describes.
 
     `outcomes` by label and step, of what takes no steps at the first one.

@@ -7,13 +7,13 @@ from __future__ import annotations
 
 from dataclasses import replace
 from math import inf, nan, sqrt
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import warn
-from ..geometry.arrays import Array, as_array, as_floats, as_number, as_positive, vector
+from ..geometry.arrays import Array, Rotation, as_array, as_floats, as_number, as_positive, vector
 from ..geometry.values import hinted, short_repr
 from ..integrators import INTEGRATORS, IVP, Integrator, SimulationError, Status
 from ..integrators.compiled import Compiled
@@ -36,9 +36,6 @@ from .planning import internal_states, planned, resolve_integrator
 from .problem import STARTS, OfLoop, OfStart, Problem, keywords_of, posed
 from .single_run import whole_of
 from .starts import AT_REST, BodyState, starts, wheel_axes_of
-
-if TYPE_CHECKING:
-    from scipy.spatial.transform import Rotation
 
 
 class MarchedStep:

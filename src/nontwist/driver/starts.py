@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from ..analysis.datasets import as_dataset, recorded
 from ..analysis.trajectory import Trajectory, segments_from
 from ..errors import SENTENCES, InputError, InputWarning, warn
-from ..geometry.arrays import LARGEST, Array, as_array, as_floats, as_number, in_order, vector
+from ..geometry.arrays import LARGEST, Array, Rotation, as_array, as_floats, as_number, in_order, vector
 from ..geometry.attitudes import attitudes, states_of
 from ..geometry.values import short_repr
 from ..integrators.ivp import Segments
@@ -23,9 +23,6 @@ from ..loads.terms import Record
 from ..models.stack import SystemStack, stacked
 from ..models.system import DirectorSystem
 from .grid import is_too_short
-
-if TYPE_CHECKING:
-    from scipy.spatial.transform import Rotation
 
 # The state of a body at one time, as a value: what events and closed loops look at.
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..errors import SENTENCES, InputWarning
+from ..geometry.arrays import Axes
 from ..geometry.attitudes import ENTRIES
 from .estimating import UNLIKELY
 from .measuring import IDEAL, PLACES, UNITS
@@ -15,8 +16,6 @@ from .shooting import STRAY
 from .telling import has_intervals, quantile
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
     from .result import Fit, Part
 
 SCALES = {

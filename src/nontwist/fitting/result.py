@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..geometry.arrays import Array
+from ..geometry.arrays import Array, Axes
 from ..geometry.attitudes import ENTRIES
 from ..geometry.values import as_whole
 from ..machine import cached_property
@@ -23,8 +23,6 @@ TOLD = 0.5  # of what was known of an error of the gyroscope: a fit that leaves 
 
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
     from ..driver.problem import Problem
 
 

@@ -14,12 +14,20 @@ from collections.abc import Callable
 from decimal import Decimal
 from math import prod
 from types import EllipsisType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .values import short_repr
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes as Axes
+    from scipy.spatial.transform import Rotation as Rotation
+    from xarray import DataArray as DataArray
+    from xarray import Dataset as Dataset
+else:  # which are slow to import, for annotations
+    Axes = DataArray = Dataset = Rotation = Any
 
 Array = NDArray[np.float64]
 

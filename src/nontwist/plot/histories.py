@@ -5,20 +5,15 @@ Drifts of invariants and measured orders: energy balance, orthonormality, second
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 
 from ..analysis.invariants import work_of
-from ..geometry.arrays import Array
+from ..geometry.arrays import Array, Axes
 from ..geometry.values import among, as_whole, short_repr
-from .looks import labelled, symbol, unit, variable
+from .looks import Look, Quotients, Runs, labelled, symbol, unit, variable
 from .timelines import Curves, over_time
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
-    from .looks import Look, Quotients, Runs
 
 _VISIBLE = 0.2  # of an axis: changes of an energy that are seen at once
 _ROUND_OFF = 1e-12  # of the same: a body at rest

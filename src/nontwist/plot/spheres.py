@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..geometry.arrays import Array, arcs, as_number
+from ..geometry.arrays import Array, Axes, arcs, as_number
 from ..geometry.values import among, as_whole, short_repr
 from ..loads.kinds import load_of
 from ..models.system import DirectorSystem
@@ -33,8 +33,6 @@ from .journals import axes_for, column_width, style
 from .looks import COLOURS, Look, cycle, given_look, handle, labelled, legend, looks, pale, shade, shaded, variable
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
     from .looks import Runs
 
 ELEVATION, AZIMUTH = 25.0, 35.0  # degrees

@@ -4,21 +4,16 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from ..errors import warn
-from ..geometry.arrays import Array
+from ..geometry.arrays import Array, Axes
 from ..recordings.twisting import twist_of_run
 from ..viewer.content import FAR, extremes, turns_between
 from .journals import axes_for, style
-from .looks import Look, axis_label, explain, given_look, labelled, looks, pale, symbol, unit, variable
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
-    from .looks import Runs
+from .looks import Look, Runs, axis_label, explain, given_look, labelled, looks, pale, symbol, unit, variable
 
 Curves = Callable[[Any, str], dict[str, Any]]
 MOST = 4000  # points of a curve; more cannot be seen

@@ -24,22 +24,19 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError, InputWarning, warn
-from ..geometry.arrays import Array
+from ..geometry.arrays import Array, Rotation
 from ..geometry.attitudes import quaternion_product
 from ..geometry.values import counted
 from ..units import RATE, TIME
 from .headers import ACCELEROMETER, rate_unit, sensors
 from .headers import GYROSCOPE as GYROSCOPES
 from .table import Table
-
-if TYPE_CHECKING:
-    from scipy.spatial.transform import Rotation
 
 FEWEST, MOST, BLOCKS = 10, 20_000, 20  # rows that tell anything, and that are compared, in blocks
 TURNS = 0.3  # rad by which a body must turn in all for a contradiction

@@ -3,22 +3,19 @@
 from __future__ import annotations
 
 import struct
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..geometry import arrays
-from ..geometry.arrays import Array, as_array
+from ..geometry.arrays import Array, Rotation, as_array
 from ..geometry.frames import triad_about
 from ..geometry.path_kernels import SIZE, count
 from ..geometry.values import among, short_repr
 from .motions import as_rotation, raw_motion
 from .options import ReadOptions
 from .orientations import MEASURED
-
-if TYPE_CHECKING:
-    from scipy.spatial.transform import Rotation
 
 _GIVEN, _FOUND = struct.Struct("=5d"), struct.Struct("=2d")
 _new: Any = tuple.__new__  # of a named tuple, in two thirds of the time

@@ -9,22 +9,19 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from os import PathLike
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError, InputWarning, Option
-from ..geometry.arrays import Array, as_floats, in_order
+from ..geometry.arrays import Array, Rotation, as_floats, in_order
 from ..geometry.values import counted
 from .conventions import as_turns
 from .options import ReadOptions
 from .orientations import MEASURED, Motion, of_table
 from .table import Lines, of_frame, place
 from .times import seconds
-
-if TYPE_CHECKING:
-    from scipy.spatial.transform import Rotation
 
 EXACT = 1e-9  # accepted departure from orthonormality
 GAP = 5.0  # times the median interval

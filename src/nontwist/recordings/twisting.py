@@ -32,7 +32,7 @@ For an axis fixed in space the twist is ∫ w·n dt: minus the twist of the inve
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -41,7 +41,7 @@ from ..analysis.datasets import RUN, as_dataset
 from ..analysis.trajectory import FORMAT_VERSION
 from ..analysis.variables import assembled, labelled
 from ..errors import warn
-from ..geometry.arrays import EPS, Array, arcs, as_array, as_floats, principal_angle
+from ..geometry.arrays import EPS, Array, Dataset, arcs, as_array, as_floats, principal_angle
 from ..geometry.frame_kernels import transport_samples
 from ..geometry.frames import estimates, rolls, triad_about
 from ..geometry.path_kernels import angles, body_axes
@@ -50,9 +50,6 @@ from .counting import as_direction
 from .motions import GAP, Samples, given_motion
 from .relative import CLOCKS, relative_motion
 from .twist_noise import noise_level, noise_of_rounding, noise_of_twist, rounding
-
-if TYPE_CHECKING:
-    import xarray
 
 VISIBLE = 1e-3  # rad
 NEAR = 8  # steps beside a gap that show how fast a body turns
@@ -77,7 +74,7 @@ def twist(
     static: tuple[float, float] | None = None,
     scalar_first: bool | None = None,
     order: int = 4,
-) -> xarray.Dataset:
+) -> Dataset:
     """Return the twist of a motion about an axis, with an error estimate.
 
     Parameters
@@ -238,7 +235,7 @@ def twist(
     return found
 
 
-def twist_of_run(run: xarray.Dataset, axis: ArrayLike) -> xarray.Dataset:
+def twist_of_run(run: Dataset, axis: ArrayLike) -> Dataset:
     """Return the twist of a run about the axis of its constraint, or about d3, to be shown.
 
     Where stored states are too far apart to follow the frame or to count turns between them, ψ is what the integrator

@@ -10,7 +10,7 @@ from __future__ import annotations
 import os
 from dataclasses import MISSING, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -27,12 +27,9 @@ from ..models.system import DirectorSystem, as_system
 from ..spec import specs
 from .body import Body
 from .body import Tables as BodyTables
-from .document import checked
+from .document import RunFile, checked
 from .files import Folder, plain
 from .load_tables import Tables, keys_of
-
-if TYPE_CHECKING:
-    from .document import RunFile
 
 FALL, RANK, LIGHT = 9.81, 1e-12, 1e-10
 

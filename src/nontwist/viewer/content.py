@@ -22,7 +22,7 @@ import json
 import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 from ..analysis.datasets import RUN, as_dataset
 from ..analysis.joining import loads_in_words, parts_of
 from ..analysis.trajectory import Trajectory
-from ..geometry.arrays import Array, as_array, as_positive
+from ..geometry.arrays import Array, Dataset, as_array, as_positive
 from ..geometry.attitudes import quaternions
 from ..geometry.frames import triad_about
 from ..geometry.values import as_list, short_repr, vector_text
@@ -40,14 +40,11 @@ from ..models.bodies import BODIES
 from ..models.system import DirectorSystem
 from ..recordings.twisting import twist, twist_of_run
 
-if TYPE_CHECKING:
-    import xarray
-
 POINTS = 2000  # of a curve
 ROUND_OFF = 1e-10  # of the largest value of a quantity, or, for twists, of a radian
 
 
-def panels(run: xarray.Dataset, twisted: xarray.Dataset) -> list[dict[str, Any]]:
+def panels(run: Dataset, twisted: Dataset) -> list[dict[str, Any]]:
     """Return the panels of a run, what tells of the twist first; of a recording the angles alone.
 
     Times count from the start.
@@ -108,7 +105,7 @@ def packed(values: Array) -> str:
     return base64.b64encode(np.ascontiguousarray(values, dtype="<f4").tobytes()).decode("ascii")
 
 
-def momenta_of_rotors(run: xarray.Dataset) -> list[tuple[Array, Array]]:
+def momenta_of_rotors(run: Dataset) -> list[tuple[Array, Array]]:
     """Return the axis in the body and the momentum relative to it, at all times, of each rotor and wheel of a run."""
     records, times = json.loads(run.attrs.get("load", "[]")), run["time"].values
     rotors = [(one.direction, one.scale * one.history(times)[0]) for one in rotors_of(records).rotors]
@@ -227,7 +224,7 @@ def _recording(motion: Any) -> dict[str, Any]:
     }
 
 
-def _twisted(motion: Any) -> xarray.Dataset:
+def _twisted(motion: Any) -> Dataset:
     try:
         return twist(motion)
     except (TypeError, ValueError) as error:
@@ -238,9 +235,7 @@ def _twisted(motion: Any) -> xarray.Dataset:
         ) from error
 
 
-def _motion(
-    run: xarray.Dataset, twisted: xarray.Dataset, attitudes: Array, axis: Array, about: dict[str, str]
-) -> dict[str, Any]:
+def _motion(run: Dataset, twisted: Dataset, attitudes: Array, axis: Array, about: dict[str, str]) -> dict[str, Any]:
     """Return what runs and recordings have in common; `attitudes` are triads, rows, the third along the body `axis`."""
     time = twisted["time"].values
     if time.size < 2:
@@ -279,7 +274,7 @@ def _shown(values: NDArray[Any]) -> NDArray[Any]:
     return values[np.unique(which)]
 
 
-def _checked(run: xarray.Dataset) -> tuple[xarray.Dataset, DirectorSystem]:
+def _checked(run: Dataset) -> tuple[Dataset, DirectorSystem]:
     if lacking := [name for name in NEEDED if name not in run.variables]:
         raise ValueError(f"not a run of simulate: it lacks {', '.join(lacking)}")
     if "member" in run.dims:

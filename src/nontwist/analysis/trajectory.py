@@ -157,10 +157,6 @@ class Trajectory:
         attributes["_read"] = read
         return run
 
-    def _warned(self, text: str) -> Trajectory:
-        """Return the run with a warning; what was not read is still not."""
-        return self._later(vars(self) | {"warning": text}, vars(self).get("_read"))
-
     if not TYPE_CHECKING:
 
         def __getattr__(self, name: str) -> Any:

@@ -33,7 +33,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..geometry.arrays import Array, Dataset, dot
+from ..geometry.arrays import Array, Dataset, axial, dot
 from ..geometry.attitudes import PLACES, States, director_velocities, entries
 from ..geometry.values import among, as_list, nearest, short_repr
 from ..loads import Load
@@ -79,8 +79,7 @@ def orthonormality_defect(q: Array) -> Array:
 
 def _moment(q: Array, p: Array) -> Array:
     """Return Σ d_i × p_i, (..., 3), from the skew part of qᵀ p: much faster than cross products."""
-    S = np.swapaxes(q, -1, -2) @ p
-    return np.stack([S[..., 1, 2] - S[..., 2, 1], S[..., 2, 0] - S[..., 0, 2], S[..., 0, 1] - S[..., 1, 0]], axis=-1)
+    return axial((np.swapaxes(q, -1, -2) @ p).mT)
 
 
 ONE = np.ones(1)

@@ -16,13 +16,12 @@ import typer
 import nontwist
 
 from ..errors import RunFileError
-from ..geometry.arrays import Dataset
 from ..geometry.values import number_text
 from ..io.whole import require_free, written
 from ..machine import cores
 from ..validation import GROUPS
 from .outcomes import BAD_DATA, DIFFERS, SOLVER, CommandError, on_file
-from .printing import print_fitting, print_rows, print_table, say, say_next, say_written, show, shown_unit
+from .printing import Dataset, print_fitting, print_rows, print_table, say, say_next, say_written, show, shown_unit
 from .run_commands import estimate_words, forecast_rows, read_all, read_one
 from .shared_options import (
     Answer,

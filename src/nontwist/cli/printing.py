@@ -16,6 +16,9 @@ if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table
     from rich.text import Text
+    from xarray import Dataset as Dataset
+else:  # which is slow to import, for annotations
+    Dataset = Any
 
 imported: list[str] = []  # the modules that the running command has imported with --import
 RAISED = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")

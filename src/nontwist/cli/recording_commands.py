@@ -15,12 +15,11 @@ import typer
 import nontwist
 
 from ..errors import SENTENCES, InputError, ShellOptions
-from ..geometry.arrays import Dataset
 from ..geometry.values import error_place, error_text, number_text, text_to_place
 from ..io.whole import require_free, written
 from ..recordings.options import ReadOptions
 from .outcomes import BAD_DATA, CommandError, about, require_readable
-from .printing import print_rows, say
+from .printing import Dataset, print_rows, say
 from .shared_options import (
     Answer,
     DecimalComma,

@@ -17,11 +17,10 @@ import typer
 import nontwist
 
 from ..errors import RunFileError, SimulationError, SimulationInterrupt
-from ..geometry.arrays import Dataset
 from ..geometry.values import nearest, number_text
 from ..io.whole import require_free, written
 from .outcomes import BAD_DATA, INTERRUPTED, IO, SOLVER, CommandError, about, on_file
-from .printing import print_rows, say, say_next, say_written, shown_unit
+from .printing import Dataset, print_rows, say, say_next, say_written, shown_unit
 from .shared_options import Answer, Force, Opt, Overrides, RunFiles, argument, refuse, require_folder, require_suffix
 from .view_commands import smooth
 

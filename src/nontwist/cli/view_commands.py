@@ -14,26 +14,20 @@ import typer
 import nontwist
 
 from ..errors import SimulationError
-from ..geometry.arrays import Dataset
 from ..io.whole import require_free
 from ..recordings.options import ReadOptions
 from ..spec import specs
 from .outcomes import about, require_readable
-from .printing import say
+from .printing import Dataset, say
 from .shared_options import Force, Opt, argument, given_again, numbers_of, refuse, require_suffix
 
 if TYPE_CHECKING:
-    from ..loads import Load
     from ..viewer import View
 
 FAR, DRAWN = 0.1, 20_000  # rad between states that are drawn as they are; states that are drawn, and steps for them
 STEPS = 10**6  # of a run whose states are completed, which takes as long as the run
 
 Show = Annotated[bool, Opt("Open the page in the browser.", option="--open/--no-open")]
-
-
-def _camera(text: str) -> Any:
-    return numbers_of(text, "two angles like 35,20")
 
 
 LENGTH = Opt(
@@ -60,7 +54,7 @@ CAMERA = Opt(
     "Direction from which films and pictures are seen, degrees: 35,20.",
     "AZIMUTH,ELEVATION",
     default="from the side of the paths; under gravity from above the horizon",
-    parser=_camera,
+    parser=lambda text: numbers_of(text, "two angles like 35,20"),
 )
 LABELS = Opt(
     "Name of the run; of two, separated by a comma.",
@@ -216,14 +210,15 @@ def _smooth_part(path: Path, run: Dataset, span: slice) -> Dataset:
 
 def largest_turn(run: Dataset) -> float:
     """Return the largest rotation from one state of a run to the next, rad."""
+    from ..geometry.attitudes import turns
     from ..recordings.motions import rotation
-    from ..viewer.content import turns_between
 
-    return float(turns_between(rotation(run).as_quat()).max(initial=0.0))
+    p = rotation(run).as_quat()
+    return float(turns(p[:-1], p[1:]).max(initial=0.0))
 
 
 def smooth(
-    run: Dataset, load: Load | None = None, span: tuple[float, float] | None = None, most: int = DRAWN
+    run: Dataset, load: nontwist.Load | None = None, span: tuple[float, float] | None = None, most: int = DRAWN
 ) -> Dataset:
     """Return a run, or a span of it, with more states where its own lie far apart; at most about `most`.
 

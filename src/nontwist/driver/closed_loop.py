@@ -196,6 +196,8 @@ def _takes_steps(kind: type[Integrator]) -> bool:
 class StepperState(BodyState):
     """The state of a body between two steps. Later steps of its `Stepper` do not change it.
 
+    Its time is the start time plus the number of steps since the last reset times their length.
+
     All numbers are floats or tuples of floats, but for the array of the directors. States compare equal if all their
     numbers do, and can be pickled.
 
@@ -213,11 +215,6 @@ class StepperState(BodyState):
     _kind: Kind
     _start: float
     _steps: int
-
-    @property
-    def time(self) -> float:
-        """Time t, s: the start time plus the number of steps since the last reset times their length."""
-        return self._time
 
     @property
     def steps(self) -> int:

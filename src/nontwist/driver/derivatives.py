@@ -291,10 +291,11 @@ class Jacobian:
 
         `removed`: the part of W along the constrained axis that is no longer in it, rad/s.
         """
-        if scale != 1 and (self._parameters.are_scaled or self._prepared.is_damped):
+        are_scaled = any(one.term is not None or one.field == "duration" for one in self._parameters.all)
+        if scale != 1 and (are_scaled or self._prepared.is_damped):
             return None
         start = None
-        if self._parameters.needs_velocity:
+        if any(one.name == "axis" for one in self._parameters.all):  # which the velocity is across
             start = self._parameters.start(self._rows, np.array(W), removed)
         if self._forward is not None:
             return self._forward(p, W, start, scale)

@@ -220,7 +220,8 @@ def starts(
     if along in getattr(given, "dims", ()):
         raise ValueError(f"{name} has its components along {along!r}: give it as {other}=")
     if isinstance(start, dict):
-        raise ValueError(f"start must be a run or a state, got a dict; give its entries themselves: {_named(start)}")
+        own = ", ".join(f"{name}=" for name in start) or "rotation=, material_angular_velocity="
+        raise ValueError(f"start must be a run or a state, got a dict; give its entries themselves: {own}")
     systems, start = stacked(system), _of_member(start)
     begin = _continued(start, many)
     if begin is not None:
@@ -244,10 +245,6 @@ def starts(
     begin = begin._replace(load_scale=factors.reshape(-1), wheel_torque=torques)
     m = _members(begin, len(systems), "rotation" if start is None else "start", name)
     return _broadcast(_projected(begin, systems, axis, project, t_start), m)
-
-
-def _named(start: dict[Any, Any]) -> str:
-    return ", ".join(f"{name}=" for name in start) or "rotation=, material_angular_velocity="
 
 
 def _continued(start: Any, many: bool) -> Starts | None:

@@ -294,6 +294,11 @@ def cross(a: Array, b: Array) -> Array:
     return a.take(_NEXT, -1) * b.take(_LAST, -1) - a.take(_LAST, -1) * b.take(_NEXT, -1)
 
 
+def axial(A: Array) -> Array:
+    """Return A32 - A23, A13 - A31, A21 - A12 of matrices (..., 3, 3), the transpose of the map to skew ones."""
+    return np.stack([A[..., i, j] - A[..., j, i] for i, j in ((2, 1), (0, 2), (1, 0))], axis=-1)
+
+
 def sum_of_squares(array: Array) -> float:
     """Return Σ x² of (n,) numbers; for many without BLAS, whose threads compete with other processes."""
     if array.size < FEW:

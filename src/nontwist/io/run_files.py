@@ -22,7 +22,7 @@ import re
 import warnings
 import zlib
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from io import BytesIO
 from math import prod
 from pathlib import Path
@@ -137,27 +137,26 @@ def write_json(run: Dataset, stream: TextIO) -> None:
     found = _all_columns(run)
     stream.write('{"record": ' + json.dumps(record(run), ensure_ascii=False) + ', "columns": {')
     for k, (header, values) in enumerate(found.items()):
-        numbers = finite(values.tolist())
-        stream.write((", " if k else "") + json.dumps(header) + ": " + json.dumps(numbers, allow_nan=False))
+        stream.write((", " if k else "") + json.dumps(header) + ": " + json.dumps(finite(values), allow_nan=False))
     stream.write("}}\n")
 
 
 def record(run: Dataset) -> dict[str, Any]:
     """Return the attributes of a run as plain data, those in JSON decoded; words of users are none."""
-    return {str(name): value if name in WORDS else _plain(value) for name, value in run.attrs.items()}
+    return {str(name): value if name in WORDS else finite(_of_json(value)) for name, value in run.attrs.items()}
 
 
-def _plain(value: Any) -> Any:
+def _of_json(value: Any) -> Any:
     if isinstance(value, str) and value[:1] in ("{", "["):
-        try:
+        with suppress(ValueError):
             return json.loads(value)
-        except ValueError:
-            return value
-    return finite(value.tolist() if isinstance(value, (np.ndarray, np.generic)) else value)
+    return value
 
 
 def finite(value: Any) -> Any:
-    """Return plain data with None for numbers that are not finite, which JSON does not have."""
+    """Return arrays as lists, and None for numbers that are not finite, which JSON does not have."""
+    if isinstance(value, (np.ndarray, np.generic)):
+        value = value.tolist()
     if isinstance(value, dict):
         return {key: finite(one) for key, one in value.items()}
     if isinstance(value, (list, tuple)):

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..geometry import arrays
 from ..geometry.arrays import Array, Rotation, as_array
-from ..geometry.frames import triad_about
+from ..geometry.frames import as_order, triad_about
 from ..geometry.path_kernels import SIZE, count
 from ..geometry.values import among, short_repr
 from .motions import as_rotation, raw_motion
@@ -102,10 +102,8 @@ class TwistCounter:
         scalar_first: bool | None = None,
     ) -> None:
         n, self._sign = as_direction(axis, axis_frame)
-        if not among(order, (2, 4)):
-            raise ValueError(f"order must be 2 or 4, got {short_repr(order)}")
         ReadOptions(scalar_first=scalar_first)
-        self._order, self._scalar_first, self._triad = int(order), scalar_first, triad_about(n)
+        self._order, self._scalar_first, self._triad = as_order(order), scalar_first, triad_about(n)
         self.reset()
 
     def reset(self) -> None:

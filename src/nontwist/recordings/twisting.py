@@ -42,7 +42,8 @@ from ..analysis.datasets import RUN, as_dataset, recorded
 from ..analysis.trajectory import FORMAT_VERSION, Trajectory
 from ..analysis.variables import assembled, labelled
 from ..errors import warn
-from ..geometry.arrays import EPS, Array, Dataset, arcs, as_array, as_floats, principal_angle
+from ..geometry.arrays import EPS, Array, Dataset, arcs, as_array, as_floats, dot, principal_angle
+from ..geometry.attitudes import turns
 from ..geometry.frame_kernels import transport_samples
 from ..geometry.frames import estimates, rolls, triad_about
 from ..geometry.path_kernels import angles, body_axes
@@ -285,11 +286,7 @@ def _frame(d3: Array, d1: Array, order: int) -> Array:
 def _lead(d3: Array, frame: Array) -> Array:
     """Return the angle from the frame that is transported along great circles, of order 2, to `frame`."""
     flat = _frame(d3, frame[0, 0], 2)
-    return np.asarray(np.arctan2(_dot(frame[:, 0], flat[:, 1]), _dot(frame[:, 0], flat[:, 0])))
-
-
-def _dot(a: Array, b: Array) -> Array:
-    return np.asarray(np.einsum("ki,ki->k", a, b))
+    return np.asarray(np.arctan2(dot(frame[:, 0], flat[:, 1]), dot(frame[:, 0], flat[:, 0])))
 
 
 def _speeds(motion: Any) -> Array | None:
@@ -312,7 +309,7 @@ def _steps(p: Array, d3: Array, data: Samples, speeds: Array | None, is_sampled:
     if flat.size:
         a, b = data.place(flat[0]), data.place(flat[0] + 1)
         raise ValueError(f"the axis turns by half a turn from {a} to {b}: the shortest path between them is not unique")
-    turn = _between(p[:-1], p[1:])
+    turn = turns(p[:-1], p[1:])
     if data.time is not None:
         h = np.diff(data.time)
         if speeds is None:
@@ -332,18 +329,12 @@ def _steps(p: Array, d3: Array, data: Samples, speeds: Array | None, is_sampled:
     return angle, turn
 
 
-def _between(p: Array, q: Array) -> Array:
-    """Return the angles between attitudes."""
-    near = np.where(_dot(p, q) < 0, -1.0, 1.0)[:, None]
-    return np.asarray(4 * np.arcsin(np.minimum(np.linalg.norm(q - near * p, axis=1) / 2, 1.0)))
-
-
 def _around_gaps(p: Array, h: Array) -> Array:
     """Return by how much a body turns in gaps of the samples at the speed around them: of `NEAR` steps, the lower."""
     least, k, t = np.zeros_like(h), np.flatnonzero(h > GAP * np.median(h)), np.append(0.0, np.cumsum(h))
     sides = (np.maximum(k - NEAR, 0), k), (k + 1, np.minimum(k + 1 + NEAR, len(h)))
     nothing = np.full(len(k), np.inf)
-    before, after = (np.divide(_between(p[i], p[j]), t[j] - t[i], out=nothing.copy(), where=i < j) for i, j in sides)
+    before, after = (np.divide(turns(p[i], p[j]), t[j] - t[i], out=nothing.copy(), where=i < j) for i, j in sides)
     slower = np.minimum(before, after)
     least[k] = np.where(slower < np.inf, slower, 0.0) * h[k]
     return least
@@ -387,8 +378,8 @@ def _closed(d3: Array, lead: Array, tau: Array, psi: Array) -> tuple[Array, Arra
     clear = length > _LOST
     last = np.maximum.accumulate(np.where(clear, np.arange(len(p)), 0))[:-1]
     b, c = p[last], p[1:]
-    triple, dot = np.cross(b, c - b) @ a, _dot(b, c)
-    lune = 2 * np.arctan2(triple, dot - np.where(clear[:-1], 0.0, (b @ a) * (c @ a)))
+    triple, along = np.cross(b, c - b) @ a, dot(b, c)
+    lune = 2 * np.arctan2(triple, along - np.where(clear[:-1], 0.0, (b @ a) * (c @ a)))
     lune[~clear[1:]] = 0.0
     straight = lune < -2 * np.pi + 2 * _LOST * (1 / length[last] + 1 / np.maximum(length[1:], _LOST))
     lune[straight] += 4 * np.pi

@@ -31,7 +31,7 @@ from ..analysis.datasets import RUN, as_dataset
 from ..analysis.joining import loads_in_words, parts_of
 from ..analysis.trajectory import Trajectory
 from ..geometry.arrays import Array, Dataset, as_array, as_positive
-from ..geometry.attitudes import quaternions
+from ..geometry.attitudes import quaternions, turns
 from ..geometry.frames import triad_about
 from ..geometry.values import as_list, short_repr, vector_text
 from ..loads.kinds import rotors_of
@@ -242,7 +242,7 @@ def _motion(run: Dataset, twisted: Dataset, attitudes: Array, axis: Array, about
         raise ValueError("the run has a single state; nothing moves (simulate with store=1)")
     p = quaternions(attitudes)
     kept = _shown(np.arange(time.size))
-    turn = turns_between(p[kept])
+    turn = turns(p[kept][:-1], p[kept][1:])
     angles, labels = {"twist": "twist_angle", "swing": "swing_twist_angle", "area": "solid_angle"}, ["d₁", "d₂", "d₃"]
     if not np.array_equal(axis, [0, 0, 1]):
         labels = ["t₁", "t₂", "n"]
@@ -260,12 +260,6 @@ def _motion(run: Dataset, twisted: Dataset, attitudes: Array, axis: Array, about
         **{key: packed(twisted[name].values[kept]) for key, name in angles.items()},
         "panels": panels(run, twisted),
     }
-
-
-def turns_between(quaternions: Array) -> Array:
-    """Return the angles from each attitude to the next, rad."""
-    cosines: Array = abs(np.sum(quaternions[1:] * quaternions[:-1], axis=1))
-    return 2 * np.arccos(np.minimum(cosines, 1.0))
 
 
 def _shown(values: NDArray[Any]) -> NDArray[Any]:

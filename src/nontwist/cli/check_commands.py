@@ -9,7 +9,7 @@ from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
-from warnings import catch_warnings, simplefilter
+from warnings import catch_warnings
 
 import typer
 
@@ -113,8 +113,7 @@ def precision_command(
         return
     with on_file(file):
         first = prepared.run(answer.bar)
-        with catch_warnings():
-            simplefilter("ignore")  # of the same as the first
+        with catch_warnings(action="ignore"):  # of the same as the first
             finer = [prepared.refined(first, n).run(answer.bar) for n in (2, 4)]
             again = replace(prepared.refined(first, 1), begin=moved(prepared.begin)).run(answer.bar)
             other, *runs = map(dataset_of, (again, first, *finer))

@@ -63,8 +63,7 @@ def printed_warnings(subject: object = "") -> Iterator[None]:
             say(f"{about_it}warning: {words(message)}", "yellow")
         printed.add(str(message))
 
-    with warnings.catch_warnings():
-        warnings.simplefilter("always", UserWarning)
+    with warnings.catch_warnings(action="always", category=UserWarning):
         warnings.showwarning = told
         yield
 

@@ -119,8 +119,7 @@ def compare(
     problem = posed("compare", system, keywords, OfComparison, aside=BESIDE)
     problem = problem.replace(**dict.fromkeys(BESIDE))  # type: ignore[arg-type]
     body, load, begin = as_system(problem.system), as_load(problem.load), start_of(problem)
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
+    with warnings.catch_warnings(record=True, action="always") as caught:
         automatic = automatic_run(problem, begin)
     known = texts_of(caught)
     t0, t1 = (float(t) for t in automatic.time)
@@ -134,8 +133,7 @@ def compare(
     meets_kinks |= all(fits(inside(pace.breakpoints, t0, t1), N) for N in numbers.values())
     for text in sorted(known | ({_few(shared)} if shared < FEW else set())):
         warnings.warn(text, UserWarning, stacklevel=2)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
+    with warnings.catch_warnings(action="ignore"):
         exact = reference(case, at)
     kept = invariants(body, load.description)
     first = next(iter(numbers))
@@ -287,8 +285,7 @@ def compared(
     else:
         store = grid.steps // stored_intervals(grid.steps, shared)
         run_to, call = partial(case.run_on, grid, store, scheme), partial(case.run_on, grid, "end", scheme)
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
+    with warnings.catch_warnings(record=True, action="always") as caught:
         try:
             run = run_to()
         except (ValueError, SimulationError) as error:
@@ -315,8 +312,7 @@ def shortest_times(calls: dict[Any, Callable[[], Trajectory]], repeats: int) -> 
     timed twice in a row: the first time includes what other calls have left cold.
     """
     best, spent = dict.fromkeys(calls, np.inf), 0.0
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
+    with warnings.catch_warnings(action="ignore"):
         for _ in range(repeats):
             if spent > ENOUGH:
                 break

@@ -372,7 +372,8 @@ def polhode(
         screen, towards = V @ body, V[2] @ (P * np.sqrt(J))  # y lies on the near side where y·towards >= 0
         feet, outline = np.sqrt(J[0] / np.einsum("ki,i,ki->k", P, J, P)), circle_about(towards) @ screen.T
         edges = extent(V, feet, outline[:, :2])
-        ax = axes_for(ax, _height(edges))
+        left, right, below, above = edges
+        ax = axes_for(ax, float(column_width() * (above - below) / (right - left)) + _LEGEND)
         bare(ax, edges)
         _surface(ax, J, screen, towards)
         constrained = [system.axis for system in systems.values() if system.axis is not None]
@@ -389,12 +390,6 @@ def polhode(
         guides |= {r"$W\cdot n=0$": shaded(_CONSTRAINED)} if constrained else {}
         legend_of_ends(ax, list(table), guides, own)
     return ax
-
-
-def _height(edges: Array) -> float:
-    """Return the height of a figure one column wide that these edges fill, with its legend, in."""
-    left, right, below, above = edges
-    return float(column_width() * (above - below) / (right - left)) + _LEGEND
 
 
 def _common_inertia(systems: dict[str, DirectorSystem]) -> Array:

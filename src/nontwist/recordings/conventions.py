@@ -116,7 +116,7 @@ class Evidence:
         The turns are at most half a turn, or more by the whole turns that are lost between attitudes by the gyroscope,
         where these bring most of them close to what it measured; by a wrong unit they would not.
         """
-        good = known(quat, self.beside[what], self.time[:, None])
+        good = finite_rows(quat, self.beside[what], self.time[:, None])
         q, rates, near = quat[good], self.beside[what][good], np.diff(self.places[good]) == 1
         q = q * CONJUGATE if what == SPIN else q
         q = quaternion_product(q[:-1] * CONJUGATE, q[1:])[near]
@@ -134,7 +134,7 @@ class Evidence:
 
     def agreement(self, what: str, quat: Array) -> tuple[float, float]:
         """Return how well attitudes agree with what is beside them, 1 at best; with rates, also in direction alone."""
-        good = known(quat, self.beside[what])
+        good = finite_rows(quat, self.beside[what])
         if good.size < FEWEST:
             return np.nan, np.nan
         if what in (GYROSCOPE, SPIN):
@@ -157,7 +157,7 @@ def as_turns(values: Array) -> Rotation:
     return Rotation.from_quat(values) if values.shape[-1] == 4 else Rotation.from_matrix(values)
 
 
-def known(*arrays: Array) -> NDArray[np.int64]:
+def finite_rows(*arrays: Array) -> NDArray[np.int64]:
     """Return the rows in which all numbers are finite."""
     return np.flatnonzero(np.isfinite(np.hstack(arrays)).all(axis=1))
 
@@ -246,7 +246,7 @@ def settled(readings: Sequence[Reading], given: Evidence) -> tuple[Reading | Non
 
 def _turns(quat: Array) -> bool:
     """Whether the body turns by more than noise would."""
-    quat = quat[known(quat)]
+    quat = quat[finite_rows(quat)]
     dots = abs((quat[1:] * quat[:1]).sum(axis=1)) / np.maximum(np.linalg.norm(quat[1:], axis=1), 1e-300)
     return bool(dots.min(initial=1.0) < np.cos(TURNS / 2))
 

@@ -217,15 +217,11 @@ def samples(*motions: Motion) -> list[Samples]:
     t, lines = motions[0].time, motions[0].lines
     if any(lines is not None and one.lines is not None and not np.array_equal(one.lines, lines) for one in motions):
         lines = None
-    good = np.all([_is_there(one.values) for one in motions], axis=0)
+    flats = [one.values.reshape(len(one.values), math.prod(one.values.shape[1:])) for one in motions]
+    good = np.all([np.isfinite(flat).all(axis=1) & flat.any(axis=1) for flat in flats], axis=0)
     rows, notes = kept_rows(t, good, lines, "missing-rows", "a twist", 2)
     kept, left_out = None if t is None else t[rows], len(good) - rows.size
     return [Samples(measured_quaternions(one, rows), kept, rows, left_out, notes, lines=lines) for one in motions]
-
-
-def _is_there(values: Array) -> NDArray[np.bool_]:
-    flat = values.reshape(len(values), math.prod(values.shape[1:]))
-    return np.asarray(np.isfinite(flat).all(axis=1) & flat.any(axis=1))
 
 
 def kept_rows(

@@ -192,9 +192,10 @@ def twist(
     counted_twist = _counted(motion, data.rows.size, n) if is_run and axis_frame == "body" else None
     length, turn = _steps(p, d3, data, _speeds(motion) if is_run else None, counted_twist is None)
     swing, frame, psi = _swing_twist(p, n), _frame(d3, d1[0], order), np.empty(len(d3))
-    lead = _lead(d3, frame)
+    flat = _frame(d3, frame[0, 0], 2)  # along great circles
+    lead = np.arctan2(dot(frame[:, 0], flat[:, 1]), dot(frame[:, 0], flat[:, 0]))
     angles(d1, frame, psi)
-    del p, d1
+    del p, d1, flat
     if counted_twist is not None:
         back, psi = psi - counted_twist[0], counted_twist[0]
         c, s = np.cos(back)[:, None], np.sin(back)[:, None]
@@ -281,12 +282,6 @@ def _frame(d3: Array, d1: Array, order: int) -> Array:
     frame = np.empty((1, len(d3), 3, 3))
     transport_samples(d3[None], d1[None], *rolls(d3[None], order, closed=False), frame)
     return np.asarray(frame[0])
-
-
-def _lead(d3: Array, frame: Array) -> Array:
-    """Return the angle from the frame that is transported along great circles, of order 2, to `frame`."""
-    flat = _frame(d3, frame[0, 0], 2)
-    return np.asarray(np.arctan2(dot(frame[:, 0], flat[:, 1]), dot(frame[:, 0], flat[:, 0])))
 
 
 def _speeds(motion: Any) -> Array | None:

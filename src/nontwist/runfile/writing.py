@@ -8,6 +8,7 @@ taken of length 9.81 m/s² and m as 1 kg, or, where J is too small for that, so 
 from __future__ import annotations
 
 import os
+from contextlib import suppress
 from dataclasses import MISSING, fields
 from pathlib import Path
 from typing import Any
@@ -77,13 +78,11 @@ def body_table(system: DirectorSystem) -> dict[str, Any]:
     own = system.name.split(" ")[0]
     for kind in sorted((name for name in BODIES if name not in body.TABLES), key=lambda name: name != own):
         table = _table_of(kind, system)
-        try:
+        with suppress(ValueError):
             made = body.Body.model_validate(table).system(Folder(Path()))
-        except ValueError:
-            continue
-        pairs = ((getattr(made, name), getattr(system, name)) for name in ("axis", "inertia", "dead_force"))
-        if (made.spin is None) == (system.spin is None) and all(_is_same(*pair) for pair in pairs):
-            return table
+            pairs = ((getattr(made, name), getattr(system, name)) for name in ("axis", "inertia", "dead_force"))
+            if (made.spin is None) == (system.spin is None) and all(_is_same(*pair) for pair in pairs):
+                return table
     raise ValueError(f"no kind of run files makes the body {system.name!r}")
 
 

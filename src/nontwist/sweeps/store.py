@@ -352,8 +352,7 @@ def create(path: Path, members: Members, block: int) -> SweepStore:
             add(name, members.shapes[name], np.float64(np.nan), dims, own)
         add("status", (), np.int8(ABSENT), (), status_attributes(statuses))
         group.create_group("blocks")
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # that other readers may not know consolidated metadata; they need not
+        with warnings.catch_warnings(action="ignore"):  # that other readers may not know consolidated metadata
             zarr.consolidate_metadata(str(temporary))
         metadata = {str(place.relative_to(temporary).as_posix()): place for place in temporary.rglob("zarr.json")}
         hashes = {name: hashlib.sha256(place.read_bytes()).hexdigest() for name, place in sorted(metadata.items())}

@@ -180,13 +180,11 @@ def _vertical(systems: SystemStack, records: Records) -> Array:
     vectors = vectors[vectors.any(axis=1)]
     if not len(vectors):
         return e
-    dead = systems.dead_force
-    assert dead is not None
     v = vectors[0] / np.linalg.norm(vectors[0])
     across = vectors - (vectors @ v)[:, None] * v
     if (np.linalg.norm(across, axis=1) > PARALLEL * np.linalg.norm(vectors, axis=1)).any():
         return np.zeros_like(e)
-    is_free = ~dead.any(axis=(1, 2))
+    is_free = ~systems.dead_force.any(axis=(1, 2))
     is_along = is_free | (np.linalg.norm(np.cross(e, v), axis=1) <= PARALLEL) & e.any(axis=1)
     return np.where(is_along[:, None], v, 0.0)
 

@@ -355,7 +355,6 @@ def observables(names: Iterable[str], systems: SystemStack, states: States, acti
     if set(names) <= set(made):
         return {name: made[name]() for name in names}
     E, J, dead = systems.euler_inertia, systems.convected_inertia, systems.dead_force
-    assert dead is not None
     R, w = entries(p), W.transpose(2, 0, 1).copy()
     q = R.transpose(2, 3, 1, 0)
     own = q if own_directors is None else own_directors[:, :, 0]

@@ -61,7 +61,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..kernels.vectors import Vector, cross
 from .arrays import TOLERANCE, Array, as_direction, as_floats, principal_angle, refuse, require_finite
 from .frame_kernels import ANTIPODAL
-from .values import among, as_whole, short_repr
+from .values import as_whole, require_among
 
 
 def vectors(value: ArrayLike, name: str) -> Array:
@@ -482,6 +482,5 @@ def rolls(u: Array, order: int, *, closed: bool) -> tuple[Array, NDArray[np.int6
 
 def as_order(order: Any) -> int:
     """Return the order of frames; a ValueError where it is neither 2 nor 4."""
-    if not among(order, (2, 4)):
-        raise ValueError(f"order must be 2 or 4, got {short_repr(order)}")
+    require_among(order, "order", (2, 4))
     return int(order)

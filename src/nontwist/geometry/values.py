@@ -230,6 +230,13 @@ def among(value: Any, known: Iterable[Any]) -> bool:
     return (isinstance(value, str) or _is_whole(value)) and value in known
 
 
+def require_among(value: Any, name: str, known: tuple[Any, ...]) -> None:
+    """Raise a ValueError where `value` is none of some words or numbers."""
+    if not among(value, known):
+        *first, last = map(repr, known)
+        raise ValueError(f"{name} must be {', '.join(first)} or {last}, got {short_repr(value)}")
+
+
 def _is_whole(value: Any) -> bool:
     return isinstance(value, int) or (isinstance(value, Integral) and hasattr(value, "__index__"))  # no timedelta64
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..analysis.datasets import as_dataset
 from ..geometry.arrays import Axes, Dataset
-from ..geometry.values import among, short_repr
+from ..geometry.values import require_among
 from ..integrators import INTEGRATORS
 from .journals import axes_for, style
 from .looks import COLOURS, Look, cycle, given_look, shade
@@ -69,8 +69,7 @@ def work_precision(
     from matplotlib.lines import Line2D
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
-    if not among(against, ("seconds", "steps")):
-        raise ValueError(f"against must be 'seconds' or 'steps', got {short_repr(against)}")
+    require_among(against, "against", ("seconds", "steps"))
     as_dataset(comparison, "a comparison of nontwist.compare", NUMBERS, (), ("method", "family", "integrator"))
     given, bar = given_look(properties, "work_precision"), float(comparison["attitude_reference_error"])
     with style():

@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..geometry.arrays import Array, Axes, arcs, as_number
-from ..geometry.values import among, as_whole, short_repr
+from ..geometry.values import as_whole, require_among
 from ..loads.kinds import load_of
 from ..models.system import DirectorSystem
 from ..viewer.drawing import Camera, circle_about, graticule
@@ -223,8 +223,7 @@ def path(
     array([3.5, 3.5])
     >>> plot.save(ax, "path.pdf")
     """
-    if not among(director, (1, 2, 3)):
-        raise ValueError(f"director must be 1, 2 or 3, got {short_repr(director)}")
+    require_among(director, "director", (1, 2, 3))
     triads = as_whole(triads, "triads", 0, MOST_TRIADS)
     given, runs = given_look(properties, "path"), labelled(runs)
     table = {label: _directors(run, label) for label, run in runs.items()}

@@ -12,7 +12,7 @@ from ..geometry import arrays
 from ..geometry.arrays import Array, Rotation, as_array
 from ..geometry.frames import as_order, triad_about
 from ..geometry.path_kernels import SIZE, count
-from ..geometry.values import among, short_repr
+from ..geometry.values import require_among
 from .motions import as_rotation, raw_motion
 from .options import ReadOptions
 from .orientations import MEASURED
@@ -25,8 +25,7 @@ _FOUND_AT = 40  # bytes of a quaternion and a time before what is found
 def as_direction(axis: ArrayLike | str, axis_frame: str) -> tuple[Array, float]:
     """Return an axis as a unit vector, and the sign of a twist about it: -1 where it is fixed in space."""
     n = arrays.as_direction(axis, "axis", "the body or in space")
-    if not among(axis_frame, ("body", "space")):
-        raise ValueError(f"axis_frame must be 'body' or 'space', got {short_repr(axis_frame)}")
+    require_among(axis_frame, "axis_frame", ("body", "space"))
     return n, 1.0 if axis_frame == "body" else -1.0
 
 

@@ -15,7 +15,6 @@ from scipy.spatial.transform import Rotation
 
 from nontwist import integrate, simulate, standard, twist
 from nontwist.curves import solid_angle
-from nontwist.recordings.twisting import twist_of_run
 from refusals import says
 
 
@@ -310,13 +309,31 @@ def test_twist_of_a_run():
     """10 rad between stored states: attitudes alone show 2.6 back, and the integrator has counted all."""
     run = simulate(standard([3, 4, 5]), t_end=10, step=0.01, store=50, angular_velocity=[0.01, 0, 20])
     for one in (run, run.isel(time=slice(3, 9))):
+        found = twist(one)  # without a warning of wide steps
+        assert found.attrs["largest_turn_between_samples"] == pytest.approx(10, rel=1e-6)
+        assert found.twist_angle[-1].item() == pytest.approx(20 * np.ptp(one.time.values), rel=1e-6)
+        bare = one.drop_vars("mean_twist_rate")
         with pytest.warns(
             UserWarning, match=r"steps of more than a right angle, the first from row 0 to row 1 \(573°\)"
         ):
-            assert twist(one).attrs["largest_turn_between_samples"] == pytest.approx(10, rel=1e-6)
-        with pytest.warns(UserWarning, match="is a guess"):
-            counted = twist_of_run(one, "z").twist_angle[-1].item()
-        assert counted == pytest.approx(20 * np.ptp(one.time.values), rel=1e-6)
+            assert twist(bare).attrs["largest_turn_between_samples"] == pytest.approx(10, rel=1e-6)
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_twist_of_few_states(sign):
+    """ψ, its rate and the frame of a run do not depend on which states are stored; Ω is τ - ψ."""
+    body, how = standard([2, 3, 4]), {"t_end": 6, "order": 8, "material_angular_velocity": (0.7, 1.1, 0.9)}
+    fine, run = simulate(body, step=0.005, **how), simulate(body, step=0.05, store=12, **how)
+    found, sampled = twist(run, axis=[0, 0, sign]), twist(fine.drop_vars("mean_twist_rate"), axis=[0, 0, sign])
+    for name in ("twist_angle", "frame"):
+        assert found[name].values == pytest.approx(sampled[name].values[::120], abs=1e-8), name
+    counted = sign * 0.005 * np.append(0, fine.mean_twist_rate.values.cumsum())[::120]
+    assert found.twist_angle.values == pytest.approx(counted, abs=1e-12)
+    assert np.array_equal(found.twist_rate, sign * run.twist_rate)
+    assert not found[["error_estimate", "noise_estimate"]].to_array().any()
+    require_balance(found)
+    plain = twist(integrate(body, step=0.05, store=12, **how), axis=[0, 0, sign])
+    assert plain.twist_angle.values == pytest.approx(counted, abs=1e-12)
 
 
 def swaying(t):

@@ -134,9 +134,12 @@ def twist_command(
         own |= {"columns": names_of(relative_columns), "body": relative_body}
         with about(f"cannot read {second}", OSError), about(second, ValueError), _of_the_second(second, relative_to):
             other = nontwist.read_motion(second, **own)
+    is_run = (
+        "orientation: a run of this package" in motion.attrs["notes"] and other is None and reading == ReadOptions()
+    )
     with about(data, ValueError):
         result = nontwist.twist(
-            motion,
+            nontwist.open_run(data) if is_run else motion,  # which knows its twist between the states
             axis=axis,
             axis_frame=axis_frame,
             relative_to=other,

@@ -131,10 +131,11 @@ class Contacts:
         own = self.D[k] * z[self.places[self.dry[k - self.bearings]]] if k >= self.bearings else 0.0
         return own + a * x + b * y + c * s, abs(own) + sqrt(x * x + y * y + s * s)
 
-    def rates(self) -> Array:
-        """Return the rates of all contacts."""
+    def rates(self) -> tuple[Array, Array]:
+        """Return the rates of all contacts, and their signs: 0 of one that is round-off."""
         _, W, *_, z = self.state
-        return np.array([self.rate(k, W.tolist(), z)[0] for k in range(len(self.limits))])
+        found, sizes = np.array([self.rate(k, W.tolist(), z) for k in range(len(self.limits))]).T
+        return found, np.sign(found) * (abs(found) > ROUND_OFF * sizes)
 
     def forces(self, t: float, q: Array, W: Array, z: Any) -> tuple[Array, Array]:
         """Return K, and z', of wheels without dry friction; q: directors as rows, z: of standing wheels from W."""
@@ -189,11 +190,9 @@ class Contacts:
 
     def begin(self) -> None:
         """Choose the first modes."""
-        _, W, *_, z = self.state
-        found = [self.rate(k, W.tolist(), z) for k in range(len(self.limits))]
-        slides = {k: 1 if x > 0 else -1 for k, (x, size) in enumerate(found) if abs(x) > ROUND_OFF * size}
-        self.modes = slides
-        if zero := [k for k in range(len(found)) if k not in slides]:
+        signs = self.rates()[1].tolist()
+        self.modes = {k: int(sign) for k, sign in enumerate(signs) if sign}
+        if zero := [k for k, sign in enumerate(signs) if not sign]:
             self.settle(zero, {})
 
     def holding(self, b: Array, modes: Modes) -> tuple[Array, Array]:
@@ -206,7 +205,7 @@ class Contacts:
     def settle(self, zero: Sequence[int], forced: Modes) -> None:
         """Choose the modes of contacts whose rates are zero, but for those that are `forced`."""
         own, (_, W, *_, z) = list(zero), self.state
-        self.kick(own, self._inverse(*own) @ self.rates()[own])
+        self.kick(own, self._inverse(*own) @ self.rates()[0][own])
         b, free = self.free(self.t, directors(self.state.quaternion), W, z), [k for k in zero if k not in forced]
         for signs in product((0, 1, -1), repeat=len(free)):
             modes = self.modes | forced | dict(zip(free, signs, strict=True))

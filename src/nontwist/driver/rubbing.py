@@ -128,12 +128,12 @@ class Rubbed(Contacts):
     def time_left(self) -> tuple[float, list[int]]:
         """Return the time in which the first of the rates would vanish, at its derivative here, and what stops here."""
         _, W, *_, z = self.state
-        rates, k = self.rates(), self.number()
+        (rates, signs), k = self.rates(), self.number()
         b = self.free(self.t, directors(self.state.quaternion), W, z)
         slopes = self.holding(b, self.modes)[1]
         size = abs(b) + abs(b - slopes) + abs(self.Q).max() * abs(self.body.dead_force).sum()
         soon, least = SOON * float(self.nodes[k + 1] - self.nodes[k]), ROUND_OFF * size
-        slides = [k for k, sign in self.modes.items() if sign and sign * rates[k] > 0]
+        slides = [k for k, sign in self.modes.items() if sign and sign == signs[k]]
         over = [k for k in slides if abs(slopes[k]) <= least[k] and abs(rates[k]) <= soon * least[k]]
         falls = [k for k in slides if self.modes[k] * slopes[k] < 0 and k not in over]
         return float(min((-rates[falls] / slopes[falls]), default=np.inf)), over

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..errors import warn
 from ..geometry.arrays import Array
-from ..recordings.twisting import twist_of_run
+from ..recordings.twisting import twist
 from ..viewer.content import FAR, extremes, turns_between
 from .journals import axes_for, style
 from .looks import Look, axis_label, explain, given_look, labelled, looks, pale, symbol, unit, variable
@@ -210,7 +210,7 @@ def twist_angle(
 def _twist(run: Any, label: str) -> Any:
     """Return the twist of a run about the axis of its constraint, or about its third director."""
     variable(run, label, "directors")
-    return twist_of_run(run, json.loads(run.attrs["system"])["axis"] or (0, 0, 1))
+    return twist(run, axis=json.loads(run.attrs["system"])["axis"] or (0, 0, 1))
 
 
 def _like(angle: Any, values: Array, unit: str) -> Any:

@@ -4,6 +4,7 @@ Let d3(t) = Λ(t) n be the axis, and let the non-twisting frame start as the bod
 without twist (eq-non-twisting). The twist ψ is the angle about d3 from that frame to the body's triad; its rate is the
 twist rate ψ' = w·d3 (eq-w_twist). ψ is computed from the frame, of order 4 in the spacing of the samples, not by
 integrating rates; whole turns are counted from sample to sample. `twist_noise` has what errors of the samples do to it.
+The integrators that count ∫ w·n dt in their stages give the ψ of a run about its own axis n, and so its frame.
 
 **Solid angle.** With the smallest rotation S from d3(0) to d3(t), the swing, Λ(t)Λ(0)ᵀ = S exp(τ d̂3(0)) defines the
 swing-twist angle τ: it is the angle about d3(t) from the triad transported along the single great circle to the body's
@@ -37,8 +38,8 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..analysis.datasets import RUN, as_dataset
-from ..analysis.trajectory import FORMAT_VERSION
+from ..analysis.datasets import RUN, as_dataset, recorded
+from ..analysis.trajectory import FORMAT_VERSION, Trajectory
 from ..analysis.variables import assembled, labelled
 from ..errors import warn
 from ..geometry.arrays import EPS, Array, arcs, as_array, as_floats, principal_angle
@@ -54,7 +55,6 @@ from .twist_noise import noise_level, noise_of_rounding, noise_of_twist, roundin
 if TYPE_CHECKING:
     import xarray
 
-VISIBLE = 1e-3  # rad
 NEAR = 8  # steps beside a gap that show how fast a body turns
 JUMP, SEEN = 5.0, 0.05  # times the steps around; rad
 ANTIPODAL = 1e-7
@@ -120,9 +120,10 @@ def twist(
     -------
     Dataset on `time`
         twist_angle
-            ψ, rad, unwrapped, 0 at the start.
+            ψ, rad, unwrapped, 0 at the start. Of a run about its own axis, the constrained one or d3, what its
+            integrator counted within steps, if it counts: then ψ does not depend on which states are stored.
         twist_rate
-            ψ', rad/s, by central differences of ψ (absent without times).
+            ψ', rad/s, by central differences of ψ, or that of the run where ψ is (absent without times).
         swing_twist_angle
             τ, rad, in (-π, π], of the rotation relative to the first sample; ψ + Ω where the swing is half a turn.
         solid_angle
@@ -135,7 +136,7 @@ def twist(
         error_estimate
             Estimated error of ψ, rad, by sampling: about twice the largest error so far. It includes noise of the
             samples as far as noise looks like motion. Errors of clocks and mountings (`clocks`, `align`) are in neither
-            estimate.
+            estimate. Both are 0 where the integrator has counted ψ; those of the run remain.
         noise_estimate
             Standard deviation of ψ, rad, by noise of the samples, assumed independent and equal about d3 and across it,
             or by rounding of quaternions and matrices where that is more.
@@ -189,28 +190,39 @@ def twist(
         warn(note)
     d1, d3 = body_axes(data.quaternion, sign, triad_about(n))
     p = data.quaternion / np.linalg.norm(data.quaternion, axis=1, keepdims=True) * [sign, sign, sign, 1]
-    length, turn = _steps(p, d3, data, _speeds(motion) if time is None and relative_to is None else None)
+    is_run = time is None and relative_to is None
+    counted_twist = _counted(motion, data.rows.size, n) if is_run and axis_frame == "body" else None
+    length, turn = _steps(p, d3, data, _speeds(motion) if is_run else None, counted_twist is None)
     swing, frame, psi = _swing_twist(p, n), _frame(d3, d1[0], order), np.empty(len(d3))
+    lead = _lead(d3, frame)
     angles(d1, frame, psi)
     del p, d1
+    if counted_twist is not None:
+        back, psi = psi - counted_twist[0], counted_twist[0]
+        c, s = np.cos(back)[:, None], np.sin(back)[:, None]
+        frame[:, 0], frame[:, 1] = c * frame[:, 0] + s * frame[:, 1], c * frame[:, 1] - s * frame[:, 0]
     sigma = max(noise_level(d3, data.time), rounded)
     noise = noise_of_twist(d3, sigma, order)
     if rounded:
         noise = np.fmax(noise, noise_of_rounding(d3, data.quaternion * [sign, sign, sign, 1], rounded))
-    tau, area = _closed(d3, _lead(d3, frame), swing, psi)
+    tau, area = _closed(d3, lead, swing, psi)
+    sampling = estimates(d3[None], order)[0]
+    if counted_twist is not None:
+        sampling, noise = np.zeros_like(psi), np.zeros_like(psi)
     variables = {
         "twist_angle": (sign * psi, "rad", "twist angle", "ψ"),
         "swing_twist_angle": (principal_angle(sign * tau), "rad", "swing-twist angle", "τ"),
         "solid_angle": (sign * area, "sr", "solid angle of the path, closed by a great circle", "Ω"),
         "path_length": (np.append(0.0, np.cumsum(length)), "rad", "path length of the axis on the sphere", "s"),
-        "error_estimate": (estimates(d3[None], order)[0], "rad", "estimated error of the twist angle by sampling", "ε"),
+        "error_estimate": (sampling, "rad", "estimated error of the twist angle by sampling", "ε"),
         "noise_estimate": (noise, "rad", "estimated deviation of the twist angle by noise", "σ"),
         "frame": (frame, "1", "non-twisting frame, rows d1, d2, d3", "χ"),
     }
     if data.time is not None:
         scale = 2.0 ** (int(np.frexp(np.ptp(data.time))[1]) - 1)  # products of intervals do not overflow
-        rate = np.gradient(sign * psi, data.time / scale, edge_order=2 if psi.size > 2 else 1)
-        variables["twist_rate"] = (rate / scale, "rad s-1", "twist rate", "ψ'")
+        rate = np.gradient(sign * psi, data.time / scale, edge_order=2 if psi.size > 2 else 1) / scale
+        rate = rate if counted_twist is None else counted_twist[1]
+        variables["twist_rate"] = (rate, "rad s-1", "twist rate", "ψ'")
     where = "space" if axis_frame == "space" else "the body"
     record = {
         "format_version": FORMAT_VERSION,
@@ -238,22 +250,22 @@ def twist(
     return found
 
 
-def twist_of_run(run: xarray.Dataset, axis: ArrayLike) -> xarray.Dataset:
-    """Return the twist of a run about the axis of its constraint, or about d3, to be shown.
-
-    Where stored states are too far apart to follow the frame or to count turns between them, ψ is what the integrator
-    counted in its stages, `mean_twist_rate`, if it counts. Ω keeps τ - ψ = Ω modulo 2π.
-    """
-    run, found = as_dataset(run, RUN), twist(run, axis=axis)
-    sizes = {run.sizes["time"], found.sizes["time"], run.sizes.get("midtime", 0) + 1}
-    is_fine = found["error_estimate"][-1] < VISIBLE and found.attrs["largest_turn_between_samples"] < np.pi
-    if "mean_twist_rate" not in run or len(sizes) > 1 or is_fine:
-        return found
-    time, psi = run["time"].values, found["twist_angle"]
-    counted = np.append(0.0, np.cumsum(run["mean_twist_rate"].values * np.diff(time)))
-    area = found["solid_angle"] + principal_angle(psi.values - counted)
-    counts = {"twist_angle": psi.copy(data=counted), "solid_angle": found["solid_angle"].copy(data=area.values)}
-    return found.drop_vars("error_estimate").assign(counts)  # that of ψ by the samples
+def _counted(motion: Any, count: int, n: Array) -> tuple[Array, Array] | None:
+    """Return ψ of a run about its own axis at its `count` states, as its integrator counted it, and ψ'; or None."""
+    if isinstance(motion, Trajectory) and motion.twist is not None:
+        axis, time, mean = motion.system.axis, motion.time, motion.twist / np.diff(motion.time)
+        rate = motion.observables("twist_rate")["twist_rate"]
+    elif {"mean_twist_rate", "twist_rate"} <= {*getattr(motion, "variables", ())}:
+        run = as_dataset(motion, RUN)
+        axis = recorded(run, "system")["axis"]
+        time, mean, rate = (run[name].values for name in ("time", "mean_twist_rate", "twist_rate"))
+    else:
+        return None
+    along = float(n @ ((0.0, 0.0, 1.0) if axis is None else np.array(axis)))
+    if mean.shape != (count - 1,) or rate.shape != (count,) or abs(along) < 1 - 8 * EPS:  # some states, another axis
+        return None
+    sign = math.copysign(1.0, along)
+    return sign * np.append(0.0, np.cumsum(mean * np.diff(time))), sign * rate
 
 
 def _shaken(shake: ArrayLike | None) -> Array | None:
@@ -291,11 +303,12 @@ def _speeds(motion: Any) -> Array | None:
     return np.linalg.norm(W, axis=-1) if isinstance(W, np.ndarray) else None
 
 
-def _steps(p: Array, d3: Array, data: Samples, speeds: Array | None) -> tuple[Array, Array]:
+def _steps(p: Array, d3: Array, data: Samples, speeds: Array | None, is_sampled: bool) -> tuple[Array, Array]:
     """Return the angles between neighbouring axes and attitudes, these by the speeds, which know of whole turns.
 
-    `speeds` are those of a run; of a recording they are those around a gap. Warns of wide steps, and of single ones of
-    a recording that are far wider than those around, and refuses antipodal axes, naming their rows.
+    `speeds` are those of a run; of a recording they are those around a gap. Warns of wide steps, where the twist is
+    that of the samples, and of single ones of a recording that are far wider than those around, and refuses antipodal
+    axes, naming their rows.
     """
     angle = arcs(d3)
     flat = np.flatnonzero(angle > np.pi - ANTIPODAL)
@@ -313,7 +326,7 @@ def _steps(p: Array, d3: Array, data: Samples, speeds: Array | None) -> tuple[Ar
             least = np.minimum(v[1:], v[:-1]) * h
         turn = np.where(least > np.pi, least, turn)
     wide = np.flatnonzero(turn > np.pi / 2)
-    if wide.size:
+    if wide.size and is_sampled:
         steps, a, b = counted(wide.size, "step"), data.place(wide[0]), data.place(wide[0] + 1)
         first = f"from {a} to {b} ({np.degrees(turn[wide[0]]):.0f}°)"
         lost = ", and whole turns may be missing" * bool((turn > np.pi).any())

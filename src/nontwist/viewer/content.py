@@ -38,7 +38,7 @@ from ..loads.kinds import rotors_of
 from ..loads.memory_terms import recorded_wheels
 from ..models.bodies import BODIES
 from ..models.system import DirectorSystem
-from ..recordings.twisting import twist, twist_of_run
+from ..recordings.twisting import twist
 
 if TYPE_CHECKING:
     import xarray
@@ -173,7 +173,7 @@ def content(run: Any) -> dict[str, Any]:
     run, system = _checked(run)
     first, last = run["time"].values[[0, -1]]
     n = np.array([0.0, 0.0, 1.0]) if system.axis is None else system.axis
-    triad, twisted = triad_about(n), twist_of_run(run, n)
+    triad, twisted = triad_about(n), twist(run, axis=n)
     run = run.sel(time=twisted["time"])  # of states closer in time than round-off, the first
     attitudes = triad @ run["directors"].transpose("time", "director", "axis").values
     box, weighing = box_of(system, run.attrs, triad)

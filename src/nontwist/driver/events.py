@@ -177,17 +177,13 @@ class Part(NamedTuple):
 
     def _inside(self, times: Array) -> States | None:
         """Return states at times between the nodes; None where there is no series."""
-        problem = self.problem
-        if problem.off_grid or self.outcome.failure() is not None:
+        if self.problem.marched is None:
             return None
-        nodes, own = problem.times(np.arange(problem.steps + 1)), self.outcome.states.part(0)
-        found = completion.between(
-            self.scheme, replace(problem, output_times=times), own.part(np.searchsorted(self.times, nodes))
-        )
-        if found is not None:  # with the signs of those before
-            p = own.quaternion[np.searchsorted(self.times, times, side="right") - 1]
-            found.quaternion[np.sum(found.quaternion * p, axis=1) < 0] *= -1
-        return found
+        found = completion.unchecked(self.scheme, replace(self.problem, output_times=times, intervals=False))
+        own = found.states.part(0)  # with the signs of those before
+        p = self.outcome.states.part(0).quaternion[np.searchsorted(self.times, times, side="right") - 1]
+        own.quaternion[np.sum(own.quaternion * p, axis=1) < 0] *= -1
+        return own
 
     def beyond(self, check: int, times: Array) -> Outcome:
         """Return the outcome at times from that of the number `check` to the next node."""
@@ -214,10 +210,17 @@ def parts(scheme: Integrator, problem: IVP) -> Iterator[Part]:
         problem = replace(problem, output_times=np.union1d(times, wanted))
         yield Part(scheme, problem, completion.checked_march(scheme, problem), 0)
         return
-    node, size, state, memory, inside = 0, FIRST, None, problem.memory, 1
+    has_series, inside = scheme.has_series(problem.systems, problem.load), 1
+    node, size, state, memory = 0, FIRST, None, problem.memory
     while node < problem.steps:
         last = min(node + size, problem.steps)
         one = replace(onward(problem, node, last, state), memory=memory)
+        if has_series:  # all other states are found between those at nodes
+            found = completion.checked_march(scheme, replace(one, stored=np.arange(one.steps + 1)))
+            if found.failure() is None:
+                fastest = np.sqrt(np.square(found.states.velocity).sum(axis=-1).max())
+                inside = min(MOST, max(1, int(np.ceil(one.grid.longest * fastest / TURN))))
+                one = replace(one, marched=found.march)
         while True:
             times = checked_times(one, inside, wanted)
             outcome = completion.checked_march(scheme, replace(one, output_times=times))

@@ -76,7 +76,9 @@ class Dense:
         strides = {"body_stride": BODY.size * (len(march.bodies) > 1), "scale_stride": len(march.scales) > 1}
         self._counts = {"nodes": len(nodes), "output_count": len(node), "last": m, **strides}
         motion = march.parts.motion if len(march.groups) == 1 else "rows"  # the equations that members share
-        self._kernel = output_kernel(march.parts._replace(motion="moved" if motion == "steady" else motion, lanes=1))
+        motion, sums = "moved" if motion == "steady" else motion, problem.intervals
+        summed = {"reports": sums, "integrates_velocity": sums and march.parts.integrates_velocity}
+        self._kernel = output_kernel(march.parts._replace(motion=motion, lanes=1, **summed))
 
     def outputs(self, good: NDArray[np.int64], end: int | None) -> tuple[dict[str, Array], NDArray[np.int64]] | None:
         """Return the arrays of outputs and how many are good, given how many nodes are; None where these are apart.

@@ -111,7 +111,7 @@ class Marched(NamedTuple):
 
 def _by_kept_march(problem: IVP, scheme: Compiled) -> Outcome | None:
     """Return the outcome of a plain run, whose march is laid out once for all starts; None for others, and failures."""
-    load, grid, known, done = problem.load, problem.grid, problem.output_times, problem.marched
+    load, known, done = problem.load, problem.output_times, problem.marched
     if isinstance(done, Marched):
         if known is None or not scheme.has_series(problem.systems, load):
             return None
@@ -123,11 +123,12 @@ def _by_kept_march(problem: IVP, scheme: Compiled) -> Outcome | None:
     else:
         parts = problem.memory, problem.normal, problem.progress, known
         is_plain = len(problem) == 1 and all(part is None for part in parts) and load.is_immutable
-        size = max(grid.steps * scheme.nodes, len(problem.stored))
+        size = max(problem.steps * scheme.nodes, len(problem.stored))
         if not is_plain or problem.on_gpu or problem.observed or size > KEPT_NODES or not scheme.can_prepare(load):
             return None
-        scale, ends, stored = problem.load_scale.item(), (problem.t_start, problem.t_end), problem.stored.tobytes()
-        kept = _kept_march(scheme, problem.systems, load, scale, ends, grid, stored, problem.intervals)
+        scale, span, stored = problem.load_scale.item(), (problem.t_start, problem.t_end), problem.stored.tobytes()
+        how = scale, (*span, problem.steps), problem.segments, stored, problem.intervals
+        kept = _kept_march(scheme, problem.systems, load, *how)
         numbers, squares, _ = kept(problem.quaternion[0], problem.velocity[0], scale)
         if not squares < inf:
             return None
@@ -142,10 +143,10 @@ def _by_kept_march(problem: IVP, scheme: Compiled) -> Outcome | None:
 
 @lru_cache(maxsize=64)
 def _kept_march(
-    scheme: Compiled, systems: SystemStack, load: Load, scale: float, ends: Any, grid: Any, stored: bytes, means: bool
+    scheme: Compiled, systems: SystemStack, load: Load, scale: float, span: Any, grid: Any, stored: bytes, means: bool
 ) -> PreparedMarch:
     at, start = np.frombuffer(stored, np.int64).copy(), (np.eye(4)[3:], np.zeros((1, 3)))
-    parts: Any = systems, *start, load, *ends, grid.steps, at, np.array([scale])
+    parts: Any = systems, *start, load, *span, at, np.array([scale])
     return PreparedMarch(StackMarch(replace(IVP(*parts), intervals=means, segments=grid), scheme))
 
 

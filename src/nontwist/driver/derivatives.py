@@ -64,8 +64,8 @@ def sensitivities(
         factor. For a body with a constrained axis only the admissible part of a change counts: the part of a velocity
         orthogonal to the axis, and the part of a change of the axis orthogonal to the axis.
         Under loads with memory, friction of wheels among them, only the start, the inertia and these fields of wheels
-        count, and beside them there may be moments of time, `damping`, gravity and rotors. Where the torque of a wheel
-        is a table, there are none by the duration, its factor and its axis; with wheels none by "axis" and "spin".
+        count; beside springs and potentials that are functions with `gauss` alone. Where the torque of a wheel is a
+        table, there are none by the duration, its factor and its axis; with wheels none by "axis" and "spin".
     t_end, step, tolerance, t_start, start, rotation, scalar_first, material_angular_velocity
         As in `simulate`.
     angular_velocity, load, integrator, order, store, project
@@ -257,10 +257,10 @@ def _rows_of(plan: Plan, grid: Segments) -> tuple[NDArray[np.int64], NDArray[np.
 def differentiable(plan: Plan, begin: Starts) -> IVP:
     """Return the problem of a plan, on any grid; a ValueError where its runs have no derivatives."""
     first = plan.grid or segmented((plan.t_start, plan.t_end), (1,))
-    linearised_by(plan)
+    scheme = linearised_by(plan)
     problem = plan.problem(begin._replace(grid=None), first, np.array([0, first.steps]))
     if plan.load.memories:
-        require_derivatives(problem)
+        require_derivatives(problem, scheme)
     return problem
 
 

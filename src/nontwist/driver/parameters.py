@@ -154,7 +154,7 @@ class Parameters:
     def _is_of_memory(self, one: Parameter) -> bool:
         """Whether runs with memory have derivatives by a parameter."""
         if one.term is None:
-            return one.name in (*EVERY, "inertia", "principal_inertia") and not (self._drawn and "inertia" in one.name)
+            return one.name in (*EVERY, "inertia", "principal_inertia")
         return isinstance(self.terms[one.term], Memory) and one.field != "scale"
 
     @property

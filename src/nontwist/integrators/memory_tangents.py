@@ -5,9 +5,10 @@ and Q the inverse of the carrier's inertia, across a constrained axis, the equat
 
     R' = R Ŵ,        W' = Q ((J_c W + Σ h n) × W + M(t, R, W, z) - Σ h' n),        z' = f(t, R, W, z),
 
-u parameters of wheels, and J_c, by which W' changes by ``Q (dJ_c W × W - dJ_c W')``. A step from x_n has stages ``X_i =
-x_n + k Σ a_ij G(X_j)``, k its length, and the end
-``x_n + k Σ b_j G(X_j)``. Derivatives of both obey the same equations, linear, with ∂G/∂x and ∂G/∂u at the stages:
+u parameters of wheels, and J_c, by which W' changes by ``Q (dJ_c W × W - dJ_c W')``. Of a gravity gradient in M the
+inertia is that of the whole body, which changes with that of its carrier, and not with those of wheels. A step from x_n
+has stages ``X_i = x_n + k Σ a_ij G(X_j)``, k its length, and the end ``x_n + k Σ b_j G(X_j)``. Derivatives of both obey
+the same equations, linear, with ∂G/∂x and ∂G/∂u at the stages:
 
     dX_i = dx_n + k Σ a_ij (G_x dX_j + G_u du),        dx_{n+1} = dx_n + k Σ b_j (G_x dX_j + G_u du).
 
@@ -35,10 +36,10 @@ from ..kernels.dual import Dual, plain, tangent
 from ..kernels.vectors import Matrix, Vector, cross, first_moment
 from ..loads import Load
 from ..loads.functions import MOMENTS, differentiated
-from ..loads.load import tables_as_moments
+from ..loads.load import is_called, tables_as_moments
 from ..loads.load_derivatives import derivatives_of_columns
 from ..loads.memory_terms import Memory, Wheel
-from ..loads.terms import Damping, OfTime, Rotor
+from ..loads.potentials import GravityGradient, OfOneVector, Potential
 from .compiled import Compiled
 from .gauss_coefficients import matrix, nodes, weights
 from .gauss_stages import pulled_back
@@ -57,16 +58,16 @@ NAMES = (
 )
 
 
-def require_derivatives(problem: IVP) -> None:
+def require_derivatives(problem: IVP, scheme: Compiled) -> None:
     """Raise a ValueError where a problem with memory has no derivatives."""
     if problem.systems.spin is not None:
         raise ValueError("runs with memory have no derivatives where a spin is prescribed; leave spin= out")
     _, load = as_marched(problem, False)
-    for term in load.terms:
-        if not isinstance(term, Memory | OfTime | Damping | Rotor):
+    for term in load.potentials:
+        if scheme.text("").is_midpoint and not isinstance(term, OfOneVector):
             raise ValueError(
-                f"runs with memory have no derivatives beside {type(term).words(term.description)}: leave it out, or "
-                "take differences of runs"
+                f"runs of {scheme.name} with memory have no derivatives beside "
+                f"{type(term).words(term.description)}; use gauss"
             )
 
 
@@ -89,7 +90,7 @@ class RememberingSteps:
     def __init__(
         self, problem: IVP, scheme: Compiled, parameters: list[tuple[int, str, int] | None], inertias: Array
     ) -> None:
-        require_derivatives(problem)
+        require_derivatives(problem, scheme)
         self.problem, self.parameters, self.inertias = problem.member(0), parameters, inertias
         systems, load = as_marched(self.problem, False)
         load, self.s = tables_as_moments(load), scheme.order // 2
@@ -101,6 +102,7 @@ class RememberingSteps:
         count = load.internal_state.size - sum(term.state0.size for term in self.rest)
         self.columns = [place for _, place in found] + list(range(count, load.internal_state.size))
         self.load = Load(tuple(term for term in load.terms if not isinstance(term, Memory)))
+        self.called = [term for term in self.load.terms if is_called(term)]
         self.damping, self.dead = Matrix(*load.damping.tolist()), Matrix(*systems.dead_force[0].tolist())
         body = carrier(systems[0], load) if self.wheels else systems[0]
         J, Q = body.convected_inertia, np.linalg.inv(body.convected_inertia)
@@ -125,7 +127,10 @@ class RememberingSteps:
         R, W, z = Matrix(y[:3], y[3:6], y[6:ATTITUDE]), Vector(*y[ATTITUDE:ROWS]), iter(y[ROWS:])
         time, *known = (Dual(column, [0.0] * count) for column in (t, *given.T))
         moving, push, rotor = (Vector(*known[3 * k : 3 * k + 3]) for k in range(3))
-        dJ = sum((Matrix(*d.tolist()) * by for d, by in zip(self.inertias, changes, strict=True) if d.any()), NO_MATRIX)
+        each = zip(self.inertias, changes, self.parameters, strict=True)
+        of_inertia = [(Matrix(*d.tolist()) * by, one) for d, by, one in each if d.any()]
+        dJ = sum((d for d, _ in of_inertia), NO_MATRIX)
+        dJ_of_body = sum((d for d, one in of_inertia if one is None), NO_MATRIX)
         total, torque, rates = (self.J + dJ) @ W + rotor, moving - self.damping @ W, list[Any]()
         for k, wheel in enumerate(self.wheels):
             own, h = wheel._copy(**self._varied(k, wheel, changes)), next(z)
@@ -138,6 +143,8 @@ class RememberingSteps:
             )
             push, torque = push + term.scale * Vector(*found[:3]), torque + term.scale * Vector(*found[3:MOMENTS])
             rates += found[MOMENTS:]
+        for in_space, in_body in self.beside(t, R, W, time, dJ_of_body):
+            push, torque = push + in_space, torque + in_body
         torque = torque + cross(total, W)
         if self.is_midpoint:
             push = push + moment_of(R.T, self.dead)
@@ -147,6 +154,32 @@ class RememberingSteps:
         made = [*(c for row in R for c in cross(row, W)), *(free - self.Q @ (dJ @ free)), *rates]
         values = np.stack([np.broadcast_to(plain(one), t.shape) for one in made], axis=1)
         return values, derivatives_of_columns(made, count, len(t))
+
+    def beside(self, t: Array, R: Matrix, W: Vector, time: Dual, dJ: Matrix) -> Iterator[tuple[Vector, Vector]]:
+        """Yield the moments in space, and along the frame, of what else depends on the state, given the change of J."""
+        zero = 0.0 * W
+        for term in self.called:
+            if isinstance(term, Potential):
+                yield from self._of_potential(term, t, R, dJ, zero)
+                continue
+            found = term.text(_called, [*(x for d in R.T for x in d), *(R @ W), time])
+            is_moment = term.kind != "forces"
+            push = Vector(*found) if is_moment else moment_of(R.T, Matrix(found[:3], found[3:6], found[6:]))
+            yield term.scale * push, zero
+
+    def _of_potential(
+        self, term: Potential, t: Array, R: Matrix, dJ: Matrix, zero: Vector
+    ) -> Iterator[tuple[Vector, Vector]]:
+        """Yield those of each vector of a potential: of the forces ``-a ∂V/∂γ_j``, or γ × ∂V/∂γ (`generalised`)."""
+        if isinstance(term, GravityGradient):
+            term = term.of_body(Matrix(*term.inertia.tolist()) + dJ)  # type: ignore[arg-type]
+        known = np.moveaxis(np.broadcast_to(term.vectors_at(t), (len(t), *term.vectors.shape)), 0, -1)
+        vectors = [Vector(*(zero[0] + x for x in a)) for a in known]
+        seen = [a @ R for a in vectors]
+        gradient = iter(term.gradient_text(_called, [x for gamma in seen for x in gamma]))
+        for a, gamma in zip(vectors, seen, strict=True):
+            g = term.scale * Vector(*(next(gradient) for _ in range(3)))
+            yield (cross(a, R @ g), zero) if self.is_midpoint else (zero, cross(gamma, g))
 
     def _varied(self, number: int, wheel: Wheel, changes: list[Any]) -> dict[str, Any]:
         """Return the fields of a wheel that are parameters, with their changes."""

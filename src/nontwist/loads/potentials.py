@@ -43,6 +43,7 @@ from ..geometry.values import vector_text
 from ..kernels.control import Variables, whilst
 from ..kernels.dual import Dual, plain, tangent
 from ..kernels.elements import any_of, copysign, cos, floor, larger, sin, smaller, sqrt
+from ..kernels.vectors import Matrix, Vector
 from ..spec import Spec
 from .functions import Call, array, checked, differentiated, state
 from .terms import ForceTerm, Frame, Record, Tabulated, along, function_in_words
@@ -156,9 +157,13 @@ class Potential(ForceTerm):
         values = [self.level(checked, g.tolist()) if np.isfinite(g).all() else np.nan for g in flat]
         return np.array(values).reshape(gamma.shape[:-2])
 
+    def gradient_text(self, call: Call, x: Sequence[Any]) -> Sequence[Any]:
+        """Return the gradient of V by the numbers of γ, by a way to call functions."""
+        return self.text(call, x)[1:]
+
     def slope(self, gamma: Array) -> Array:
         """Return the gradient of V at γ, (k, 3), without the factor."""
-        return np.array(self.text(checked, gamma.ravel().tolist())[1:]).reshape(gamma.shape)
+        return np.array(self.gradient_text(checked, gamma.ravel().tolist())).reshape(gamma.shape)
 
     @property
     def dead_force(self) -> Array | None:
@@ -194,9 +199,9 @@ class OfOneVector(Potential):
         g = gamma[..., 0, :]
         return dot(g, self.linear + dot(g[..., None, :], self.quadratic) / 2)
 
-    def slope(self, gamma: Array) -> Array:
+    def gradient_text(self, call: Call, x: Sequence[Any]) -> Vector:
         """Return l + Qγ."""
-        return self.linear + gamma @ self.quadratic
+        return Matrix(*self.quadratic) @ Vector(*x) + Vector(*self.linear)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -269,10 +274,11 @@ class Spring(Potential):
         """Return V."""
         return self.stiffness * (self.length(gamma) - self.rest_length) ** 2 / 2
 
-    def slope(self, gamma: Array) -> Array:
+    def gradient_text(self, call: Call, x: Sequence[Any]) -> Vector:
         """Return ``-k (1 - L/ℓ) ρ``."""
-        slack = self.rest_length / self.length(gamma) if self.rest_length else 0.0
-        return -self.stiffness * (1 - slack) * self.point[None]
+        rho = Vector(*self.point.tolist())
+        slack = self.rest_length / sqrt(self.square - 2.0 * (rho @ Vector(*x))) if self.rest_length else 0.0
+        return (-self.stiffness * (1.0 - slack)) * rho
 
     @property
     def dead_force(self) -> Array | None:

@@ -7,13 +7,13 @@ from __future__ import annotations
 
 from dataclasses import replace
 from math import inf, nan, sqrt
-from typing import TYPE_CHECKING, Any, NamedTuple, Never
+from typing import Any, NamedTuple, Never
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import warn
-from ..geometry.arrays import Array, as_array, as_floats, as_number, as_positive, vector
+from ..geometry.arrays import Array, Rotation, as_array, as_floats, as_number, as_positive, vector
 from ..geometry.values import hinted, short_repr, unknown_keyword
 from ..integrators import INTEGRATORS, IVP, Integrator, SimulationError, Status
 from ..integrators.compiled import Compiled
@@ -36,9 +36,6 @@ from .planning import internal_states, planned, resolve_integrator
 from .problem import STARTS, OfLoop, OfStart, Problem, keywords_of, posed
 from .single_run import whole_of
 from .starts import AT_REST, BodyState, starts, wheel_axes_of
-
-if TYPE_CHECKING:
-    from scipy.spatial.transform import Rotation
 
 
 class MarchedStep:
@@ -199,6 +196,8 @@ def _takes_steps(kind: type[Integrator]) -> bool:
 class StepperState(BodyState):
     """The state of a body between two steps. Later steps of its `Stepper` do not change it.
 
+    Its time is the start time plus the number of steps since the last reset times their length.
+
     All numbers are floats or tuples of floats, but for the array of the directors. States compare equal if all their
     numbers do, and can be pickled.
 
@@ -216,11 +215,6 @@ class StepperState(BodyState):
     _kind: Kind
     _start: float
     _steps: int
-
-    @property
-    def time(self) -> float:
-        """Time t, s: the start time plus the number of steps since the last reset times their length."""
-        return self._time
 
     @property
     def steps(self) -> int:

@@ -6,7 +6,7 @@ import os
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import FrozenInstanceError
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, Literal, TypedDict, TypeVar, Unpack
+from typing import Any, Literal, TypedDict, TypeVar, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,15 +20,11 @@ from ..models.system import DirectorSystem, as_system
 from ..spec import with_keywords
 from .events import as_events
 from .planning import Plan, planned
-from .single_run import Prepared
-from .starts import Starts, starts
+from .single_run import Forecast, Prepared, forecast
+from .starts import BodyState, Starts, starts
 
-if TYPE_CHECKING:
-    from .single_run import Forecast
-    from .starts import BodyState
-
-    Event = Callable[[float, BodyState], float]
-    Events = Event | Sequence[Event]
+Event = Callable[[float, BodyState], float]
+Events = Event | Sequence[Event]
 
 
 class OfStart(TypedDict, total=False):
@@ -331,8 +327,6 @@ class Problem:
         ValueError
             As `simulate`.
         """
-        from .single_run import forecast
-
         return forecast(prepared(self))
 
 

@@ -142,7 +142,7 @@ def with_warning(plan: Plan, run: Trajectory, prepared: PreparedPlan | None = No
         return run
     if run._fastest > known:
         warn(text)
-    return run._warned(text)
+    return run._later(vars(run) | {"warning": text}, vars(run).get("_read"))  # what was not read is still not
 
 
 def integrated(

@@ -471,7 +471,7 @@ FORMS = {
     "DirectorSystem": bodies,
     "SystemStack": lambda r: nt.DirectorSystem.stack([nt.standard(symmetric(r)) for _ in range(3)]),
     "Load": loads,
-    "xarray.Dataset": lambda r: (run(), run("standard"), run("standard", load=True))[r.integers(3)],
+    "Dataset": lambda r: (run(), run("standard"), run("standard", load=True))[r.integers(3)],
     "Trajectory": lambda r: trajectory(),
     "Fit": lambda r: fitted(),
     "TwistCounter": lambda r: nt.TwistCounter("z", scalar_first=bool(r.integers(2))),

@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .geometry.arrays import arcs, norm
+from .geometry.arrays import Dataset, arcs, norm
 from .geometry.curve_frames import frame_along, frame_of_curve
 from .geometry.frames import closed_frame, frame_error_estimate, holonomy, nontwisting_frame, solid_angle
 from .geometry.linking import directions, link, normalised, polygon, ribbon_twist, writhe, writhe_and_crossings
 from .geometry.values import public
-
-if TYPE_CHECKING:
-    import xarray
 
 __all__ = [
     "closed_frame",
@@ -32,7 +27,7 @@ __all__ = [
 public(__name__)
 
 
-def curve_report(points: ArrayLike, *, turns: int = 0) -> xarray.Dataset:
+def curve_report(points: ArrayLike, *, turns: int = 0) -> Dataset:
     """Return the geometry of a closed polygon: writhe, twist, linking number, and frames that close.
 
     Parameters

@@ -6,6 +6,7 @@ import functools
 import os
 from collections.abc import Callable
 from contextlib import nullcontext
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,6 +20,14 @@ else:
         def __init__(self, function: Callable[[Any], Any]) -> None:
             super().__init__(function)
             self.lock = nullcontext()
+
+
+def library(name: str, missing: str) -> Any:
+    """Import a library that need not be there; an ImportError says what is `missing`, and how to install it."""
+    try:
+        return import_module(name)
+    except ImportError as error:
+        raise ImportError(missing, name=name) from error
 
 
 def free_memory() -> int:

@@ -8,20 +8,15 @@ deviation ``d √(f/2)``. Nothing is quantised, saturated or filtered.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from numpy.typing import ArrayLike
 
 from .analysis.datasets import RUN, as_dataset
 from .analysis.variables import assembled, labelled
 from .driver.runs import resample
-from .geometry.arrays import as_array, as_number, as_positive
+from .geometry.arrays import Dataset, as_array, as_number, as_positive
 from .geometry.rotations import exp
 from .geometry.values import as_whole, public
-
-if TYPE_CHECKING:
-    import xarray
 
 __all__ = ["gyroscope"]
 public(__name__)
@@ -29,7 +24,7 @@ LAST = 1e-9  # of a sample: how far beyond the end of a run its last one may be
 
 
 def gyroscope(
-    run: xarray.Dataset,
+    run: Dataset,
     noise: float = 0.0,
     bias: ArrayLike = (0.0, 0.0, 0.0),
     scale: float = 1.0,
@@ -39,7 +34,7 @@ def gyroscope(
     delay: float = 0.0,
     misalignment: ArrayLike = (0.0, 0.0, 0.0),
     axis_scales: ArrayLike = (1.0, 1.0, 1.0),
-) -> xarray.Dataset:
+) -> Dataset:
     """Return what a gyroscope fixed in the body would have recorded of a run.
 
     Parameters

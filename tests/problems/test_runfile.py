@@ -28,7 +28,7 @@ from nontwist.runfile.basic_tables import Start
 from nontwist.runfile.body import MAKERS, Body
 from nontwist.runfile.document import Integrator, Output, Time, checked, forecast
 from nontwist.runfile.files import Folder, document, toml_text
-from nontwist.runfile.load_tables import Tables
+from nontwist.runfile.load_tables import TABLES
 from refusals import said, says
 
 PLACE = Path(__file__).parents[2]
@@ -453,7 +453,7 @@ def test_page_holds_a_run_file(write):
         assert f"\n{line}\n" in page
     for keys in (section.model_fields for section in (Body, Start, Time, Integrator, Output)):
         assert all(f"`{key}`" in page for key in keys)
-    assert all(f"`{kind}`" in page for kind in (*Tables(), *MAKERS))
+    assert all(f"`{kind}`" in page for kind in (*TABLES, *MAKERS))
 
 
 def test_a_coarse_step_is_forecast():

@@ -24,21 +24,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..geometry.arrays import Array
+from ..geometry.arrays import Array, Dataset
 from ..loads.kinds import is_rotor
 from ..models.stack import PARALLEL, SystemStack, is_principal, stacked
 from ..models.system import DirectorSystem
 from .datasets import RUN, as_dataset
 from .joining import parts_of
 from .trajectory import Trajectory
-
-if TYPE_CHECKING:
-    import xarray
 
 Records = Sequence[Mapping[str, Any]]
 STATES = ("kinetic_energy", "potential_energy", "spatial_momentum", "material_momentum", "orthonormality_defect")
@@ -76,7 +73,7 @@ class Drift(NamedTuple):
     absolute: float
 
 
-def acting_in(run: xarray.Dataset) -> tuple[Records, bool, bool]:
+def acting_in(run: Dataset) -> tuple[Records, bool, bool]:
     """Return the records of the loads of a run, whether energy dissipates, whether V and h are the same in it.
 
     Of one that was joined these are those of all of its parts together.
@@ -90,7 +87,7 @@ def acting_in(run: xarray.Dataset) -> tuple[Records, bool, bool]:
     return records, dissipates, stored.count(stored[0]) == len(stored)
 
 
-def work_of(run: xarray.Dataset) -> tuple[Array, NDArray[np.int64]]:
+def work_of(run: Dataset) -> tuple[Array, NDArray[np.int64]]:
     """Return the work of the load from the first state to each, and the intervals that follow all but the last one."""
     place = np.searchsorted(run["midtime"].values, run["time"].values)
     if not np.diff(place).all():
@@ -98,7 +95,7 @@ def work_of(run: xarray.Dataset) -> tuple[Array, NDArray[np.int64]]:
     return np.append(0.0, np.cumsum(run["load_work"].values))[place], place[:-1]
 
 
-def quantities(run: xarray.Dataset) -> Quantities:
+def quantities(run: Dataset) -> Quantities:
     """Return the quantities from which the invariants of a run are computed."""
     states = {name: run[name].values for name in STATES}
     work, supply, V = np.zeros(run.sizes["time"]), 0.0, states["potential_energy"]
@@ -183,13 +180,11 @@ def _vertical(systems: SystemStack, records: Records) -> Array:
     vectors = vectors[vectors.any(axis=1)]
     if not len(vectors):
         return e
-    dead = systems.dead_force
-    assert dead is not None
     v = vectors[0] / np.linalg.norm(vectors[0])
     across = vectors - (vectors @ v)[:, None] * v
     if (np.linalg.norm(across, axis=1) > PARALLEL * np.linalg.norm(vectors, axis=1)).any():
         return np.zeros_like(e)
-    is_free = ~dead.any(axis=(1, 2))
+    is_free = ~systems.dead_force.any(axis=(1, 2))
     is_along = is_free | (np.linalg.norm(np.cross(e, v), axis=1) <= PARALLEL) & e.any(axis=1)
     return np.where(is_along[:, None], v, 0.0)
 
@@ -225,7 +220,7 @@ def drift(invariant: Invariant, x: Quantities, scale: float) -> float:
     return float(np.linalg.norm((values - start).reshape(len(values), -1), axis=1).max()) / scale
 
 
-def drifts(run: xarray.Dataset | Trajectory) -> dict[str, Drift]:
+def drifts(run: Dataset | Trajectory) -> dict[str, Drift]:
     """Return the drift of every invariant of a run: what its problem conserves, and how well the run does.
 
     Without load K is constant; under gravity and potentials K + V; under a moment the energy less its work. A free
@@ -279,7 +274,7 @@ def in_words(name: str) -> str:
     return name.replace("_", " ").replace("jacobi", "Jacobi")
 
 
-def twist_defect(run: xarray.Dataset) -> float | None:
+def twist_defect(run: Dataset) -> float | None:
     """Return the largest |w·Λn - c|, rad/s, c the prescribed spin, 0 without; None for a body without the axis n."""
     system = DirectorSystem.from_json(run.attrs["system"])
     if system.axis is None:

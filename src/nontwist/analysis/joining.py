@@ -4,26 +4,23 @@ from __future__ import annotations
 
 import json
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, overload
+from typing import Any, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..geometry.arrays import Array, as_array, as_floats, require_finite
+from ..geometry.arrays import Array, DataArray, Dataset, as_array, as_floats, require_finite
 from ..geometry.attitudes import without_jumps
 from ..loads.kinds import load_in_words
 from ..loads.memory_terms import carried_on, recorded_wheels
 from .datasets import RUN, as_dataset, recorded
 from .trajectory import Trajectory
 
-if TYPE_CHECKING:
-    import xarray
-
 SAME = 1e-9  # rad, and of the velocity relative to its size: how far the states at a seam may be apart
 NEEDED = "time", "quaternion", "material_angular_velocity"
 
 
-def join_runs(*runs: xarray.Dataset) -> xarray.Dataset:
+def join_runs(*runs: Dataset) -> Dataset:
     """Join runs of one body, each of which continues the one before, into one run.
 
     Parameters
@@ -94,7 +91,7 @@ def join_runs(*runs: xarray.Dataset) -> xarray.Dataset:
     return xarray.Dataset(found, along, record)
 
 
-def parts_of(run: xarray.Dataset) -> list[dict[str, Any]]:
+def parts_of(run: Dataset) -> list[dict[str, Any]]:
     """Return span, load, integrator and time grid of each run that was joined into this one, or of itself alone."""
     if "joined" in run.attrs:
         return list(recorded(run, "joined"))
@@ -143,10 +140,10 @@ VELOCITY = {"units": "m s-1", "long_name": "velocity of a material point", "symb
 
 
 @overload
-def point_position(run: xarray.Dataset, X: ArrayLike) -> xarray.DataArray: ...
+def point_position(run: Dataset, X: ArrayLike) -> DataArray: ...
 @overload
 def point_position(run: Trajectory, X: ArrayLike) -> Array: ...
-def point_position(run: xarray.Dataset | Trajectory, X: ArrayLike) -> xarray.DataArray | Array:
+def point_position(run: Dataset | Trajectory, X: ArrayLike) -> DataArray | Array:
     """Return the position ``x = θ^i d_i`` of material points in space (eq_position_vector_rigidbody).
 
     Parameters
@@ -183,10 +180,10 @@ def point_position(run: xarray.Dataset | Trajectory, X: ArrayLike) -> xarray.Dat
 
 
 @overload
-def point_velocity(run: xarray.Dataset, X: ArrayLike) -> xarray.DataArray: ...
+def point_velocity(run: Dataset, X: ArrayLike) -> DataArray: ...
 @overload
 def point_velocity(run: Trajectory, X: ArrayLike) -> Array: ...
-def point_velocity(run: xarray.Dataset | Trajectory, X: ArrayLike) -> xarray.DataArray | Array:
+def point_velocity(run: Dataset | Trajectory, X: ArrayLike) -> DataArray | Array:
     """Return the velocity ``x' = θ^i d_i'`` of material points in space (eq_velocity_vector_rigidbody).
 
     It equals w × x wherever the director velocities are tangent, that is, except at the nodes of `energy-momentum`
@@ -222,7 +219,7 @@ def point_velocity(run: xarray.Dataset | Trajectory, X: ArrayLike) -> xarray.Dat
     return _along(run, X, "director_velocities", VELOCITY)
 
 
-def _along(run: Any, X: ArrayLike, name: str, attributes: dict[str, str]) -> xarray.DataArray | Array:
+def _along(run: Any, X: ArrayLike, name: str, attributes: dict[str, str]) -> DataArray | Array:
     """Return Σ θ^i a_i for the rows a_i of a variable of a run."""
     X = as_floats(X, "X")
     X = as_array(X, "X", (3,) if X.ndim == 1 else (None, 3))

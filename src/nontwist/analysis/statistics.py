@@ -22,12 +22,12 @@ import math
 from collections.abc import Iterable
 from dataclasses import asdict
 from itertools import accumulate
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.polynomial.chebyshev import chebder, chebval, chebvander
 
-from ..geometry.arrays import Array, as_number
+from ..geometry.arrays import Array, DataArray, Dataset, as_number
 from ..geometry.values import among, as_list, nearest, short_repr
 from ..integrators.integrator import IVP, Integrator, Outcome, Status
 from ..integrators.ivp import FIRST, INTEGRAL, LEAST, MOST, OBSERVED
@@ -52,9 +52,6 @@ from .variables import (
     observables,
 )
 
-if TYPE_CHECKING:
-    import xarray
-
 
 def checked_variables(variables: str | Iterable[str]) -> tuple[str, ...]:
     """Return the names of variables in the order of a run; ValueError where one is unknown."""
@@ -69,7 +66,7 @@ def bytes_of(variables: Iterable[str], members: int, times: int) -> float:
 
 def dataset(
     scheme: Integrator, ensemble: IVP, outcome: Outcome, variables: tuple[str, ...], reduce: tuple[str, ...]
-) -> xarray.Dataset:
+) -> Dataset:
     """Return the outcome of an ensemble as a dataset; the caller adds the messages of failures."""
     systems = ensemble.systems
     if variables == nodal():
@@ -211,9 +208,7 @@ def highest(values: Array) -> Array:
     return found
 
 
-def second_quotient(
-    run_h: xarray.Dataset, run_h2: xarray.Dataset, run_h4: xarray.Dataset, *, variable: str = "directors"
-) -> xarray.DataArray:
+def second_quotient(run_h: Dataset, run_h2: Dataset, run_h4: Dataset, *, variable: str = "directors") -> DataArray:
     """Return the second quotient of precision Q_II (eq:second_quotient).
 
     Parameters
@@ -260,9 +255,7 @@ def second_quotient(
     return xarray.DataArray(quotient, {"time": run_h["time"][1:]}, ("time",), "second_quotient", attrs)
 
 
-def observed_order(
-    run_h: xarray.Dataset, run_h2: xarray.Dataset, run_h4: xarray.Dataset, *, variable: str = "directors"
-) -> xarray.DataArray:
+def observed_order(run_h: Dataset, run_h2: Dataset, run_h4: Dataset, *, variable: str = "directors") -> DataArray:
     """Return the observed order ``log2 Q_II`` over time.
 
     Parameters
@@ -295,7 +288,7 @@ def observed_order(
     return order.rename("observed_order").assign_attrs(attrs)
 
 
-def _at(run: xarray.Dataset, variable: str, time: Array) -> Array:
+def _at(run: Dataset, variable: str, time: Array) -> Array:
     if not among(variable, run.data_vars):
         raise ValueError(f"the run has no variable {short_repr(variable)}; it has {', '.join(map(str, run.data_vars))}")
     run = as_dataset(run, RUN, (variable,))

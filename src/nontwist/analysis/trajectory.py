@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..geometry.arrays import Array, largest_size
+from ..geometry.arrays import Array, Dataset, Rotation, largest_size
 from ..geometry.attitudes import States, director_velocities, directors
 from ..geometry.values import counted
 from ..integrators import Integrator
@@ -38,10 +38,6 @@ from .variables import (
     names_of,
     observables_of_one,
 )
-
-if TYPE_CHECKING:
-    import xarray
-    from scipy.spatial.transform import Rotation
 
 FORMAT_VERSION = 1
 READ_LATER = {"states", "memory", *Intervals._fields}
@@ -161,10 +157,6 @@ class Trajectory:
         attributes["_read"] = read
         return run
 
-    def _warned(self, text: str) -> Trajectory:
-        """Return the run with a warning; what was not read is still not."""
-        return self._later(vars(self) | {"warning": text}, vars(self).get("_read"))
-
     if not TYPE_CHECKING:
 
         def __getattr__(self, name: str) -> Any:
@@ -265,11 +257,11 @@ class Trajectory:
         acting = Acting(self.potentials or Load(), rotors_of(self.load), Wheels.of(self.load), self.time)
         return observables_of_one(names, self.system, self.states, acting)
 
-    def to_dataset(self) -> xarray.Dataset:
+    def to_dataset(self) -> Dataset:
         """Return the run as an `xarray.Dataset` with all observables, units and the attributes of `record`."""
         return self._dataset({})
 
-    def _dataset(self, more: Mapping[str, Described], **labels: ArrayLike) -> xarray.Dataset:
+    def _dataset(self, more: Mapping[str, Described], **labels: ArrayLike) -> Dataset:
         """Return the run as a dataset with `more` variables and the `labels` of their dims."""
         variables: dict[str, Any] = self.observables(nodes_of(self.load))
         if self.states.internal is not None:
@@ -369,7 +361,7 @@ def versions() -> dict[str, str]:
     return {"python": platform.python_version(), **packages}
 
 
-def state_dataset(system: DirectorSystem, load: Load, time: Array, states: States) -> xarray.Dataset:
+def state_dataset(system: DirectorSystem, load: Load, time: Array, states: States) -> Dataset:
     """Return all observables of states of a body under a load on `time`."""
     found = observables_of_one(nodes_of(load.description), system, states, Acting.of(load, time))
     if states.internal is not None:

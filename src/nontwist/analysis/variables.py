@@ -28,12 +28,12 @@ from collections import UserDict
 from collections.abc import Callable, Iterable, Mapping, Sequence, Set
 from dataclasses import dataclass
 from functools import lru_cache, partial
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..geometry.arrays import Array, dot
+from ..geometry.arrays import Array, Dataset, axial, dot
 from ..geometry.attitudes import PLACES, States, director_velocities, entries
 from ..geometry.values import among, as_list, nearest, short_repr
 from ..loads import Load
@@ -41,9 +41,6 @@ from ..loads.friction import ROUND_OFF
 from ..loads.memory_terms import recorded_wheels
 from ..models.stack import SystemStack, stacked
 from ..models.system import DirectorSystem
-
-if TYPE_CHECKING:
-    import xarray
 
 PAIRS = [(i, j) for i in range(3) for j in range(i + 1)]
 
@@ -82,8 +79,7 @@ def orthonormality_defect(q: Array) -> Array:
 
 def _moment(q: Array, p: Array) -> Array:
     """Return Σ d_i × p_i, (..., 3), from the skew part of qᵀ p: much faster than cross products."""
-    S = np.swapaxes(q, -1, -2) @ p
-    return np.stack([S[..., 1, 2] - S[..., 2, 1], S[..., 2, 0] - S[..., 0, 2], S[..., 0, 1] - S[..., 1, 0]], axis=-1)
+    return axial((np.swapaxes(q, -1, -2) @ p).mT)
 
 
 ONE = np.ones(1)
@@ -250,7 +246,7 @@ def labelled(variables: Mapping[str, Described], **labels: Any) -> dict[str, Des
     return {**variables, **{dim: ((dim,), along[dim], TIMES.get(dim, {})) for dim in along if dim in used}}
 
 
-def assembled(variables: Mapping[str, Described], record: dict[str, Any], beside: Set[str] = BESIDE) -> xarray.Dataset:
+def assembled(variables: Mapping[str, Described], record: dict[str, Any], beside: Set[str] = BESIDE) -> Dataset:
     """Return a dataset of variables; those of the labels of a dim, and those `beside` them, are its coordinates.
 
     They are taken as they are: xarray would copy and compare them one by one, find out their indexes, and import Dask,
@@ -359,7 +355,6 @@ def observables(names: Iterable[str], systems: SystemStack, states: States, acti
     if set(names) <= set(made):
         return {name: made[name]() for name in names}
     E, J, dead = systems.euler_inertia, systems.convected_inertia, systems.dead_force
-    assert dead is not None
     R, w = entries(p), W.transpose(2, 0, 1).copy()
     q = R.transpose(2, 3, 1, 0)
     own = q if own_directors is None else own_directors[:, :, 0]

@@ -6,12 +6,14 @@ What each command may end with stands in `outcomes`.
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cache
 from typing import Annotated, Any
 
 import typer
 
 import nontwist
 
+from ..geometry.values import MadeByName
 from . import (
     check_commands,
     recording_commands,
@@ -20,7 +22,7 @@ from . import (
     sweep_commands,
     view_commands,
 )
-from .outcomes import ByName, Commands
+from .outcomes import Commands
 from .shared_options import Command, Opt, command
 
 app = typer.Typer(
@@ -68,6 +70,7 @@ COMMANDS: dict[str, Callable[..., None]] = {
 }
 
 
+@cache
 def _made(name: str) -> Any:
     """Return the command of a name."""
     alone = typer.Typer(add_completion=False, rich_markup_mode=None)
@@ -75,4 +78,4 @@ def _made(name: str) -> Any:
     return typer.main.get_command(alone)
 
 
-Commands.by_name = ByName(COMMANDS, _made)
+Commands.functions, Commands.by_name = COMMANDS, MadeByName(lambda: COMMANDS, _made)

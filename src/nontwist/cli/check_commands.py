@@ -9,7 +9,7 @@ from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
-from warnings import catch_warnings, simplefilter
+from warnings import catch_warnings
 
 import typer
 
@@ -21,7 +21,7 @@ from ..io.whole import require_free, written
 from ..machine import cores
 from ..validation import GROUPS
 from .outcomes import BAD_DATA, DIFFERS, SOLVER, CommandError, on_file
-from .printing import print_fitting, print_rows, print_table, say, say_next, say_written, show, shown_unit
+from .printing import Dataset, print_fitting, print_rows, print_table, say, say_next, say_written, show, shown_unit
 from .run_commands import estimate_words, forecast_rows, read_all, read_one
 from .shared_options import (
     Answer,
@@ -37,8 +37,6 @@ from .shared_options import (
 )
 
 if TYPE_CHECKING:
-    import xarray
-
     from ..driver.single_run import Prepared
     from ..paper.tables import Table as PaperTable
     from ..validation import Check
@@ -115,8 +113,7 @@ def precision_command(
         return
     with on_file(file):
         first = prepared.run(answer.bar)
-        with catch_warnings():
-            simplefilter("ignore")  # of the same as the first
+        with catch_warnings(action="ignore"):  # of the same as the first
             finer = [prepared.refined(first, n).run(answer.bar) for n in (2, 4)]
             again = replace(prepared.refined(first, 1), begin=moved(prepared.begin)).run(answer.bar)
             other, *runs = map(dataset_of, (again, first, *finer))
@@ -187,7 +184,7 @@ def print_target(file: Path, whole: Prepared, target: float, given: list[str], a
             say_next(("run", file), sets=given)
 
 
-def measured(runs: list[xarray.Dataset], moved: xarray.Dataset, order: int) -> dict[str, Any]:
+def measured(runs: list[Dataset], moved: Dataset, order: int) -> dict[str, Any]:
     """Return quotients and orders at five times, their median, and what they say of the error of the first run.
 
     That from a start that is `moved` shows round-off as in `comparison`; differences within it have no order.
@@ -305,7 +302,7 @@ def _choice(text: str) -> str | tuple[str, int]:
     return name, int(order)
 
 
-def _rows_of(found: xarray.Dataset) -> list[dict[str, Any]]:
+def _rows_of(found: Dataset) -> list[dict[str, Any]]:
     """Return every run as plain data."""
     rows = []
     for name in found["integrator"].values:

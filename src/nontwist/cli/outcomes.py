@@ -21,9 +21,8 @@ import io
 import os
 import sys
 import traceback
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from functools import cache
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -33,6 +32,7 @@ from typer.core import TyperGroup
 import nontwist
 
 from ..errors import SimulationError, SweepError
+from ..geometry.values import MadeByName
 from .printing import imported, printed_warnings, say, words
 
 COMMON = {  # words that people try, and the command that does it
@@ -89,28 +89,11 @@ def on_file(path: object) -> Iterator[None]:
         yield
 
 
-class ByName(Mapping[str, Any]):
-    """Commands by name; each is made when it is looked at, since the options of all take longer than the start."""
-
-    def __init__(self, functions: dict[str, Callable[..., None]], make: Callable[[str], Any]) -> None:
-        self.functions, self._made = functions, cache(make)
-
-    def __getitem__(self, name: str) -> Any:
-        if name not in self.functions:
-            raise KeyError(name)
-        return self._made(name)
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self.functions)
-
-    def __len__(self) -> int:
-        return len(self.functions)
-
-
 class Commands(TyperGroup):
     """The group of all commands; each ends here."""
 
-    by_name: ClassVar[ByName]
+    functions: ClassVar[dict[str, Callable[..., None]]]
+    by_name: ClassVar[MadeByName]  # since the options of all take longer than the start
 
     def __init__(self, **how: Any) -> None:
         super().__init__(**how)
@@ -122,7 +105,7 @@ class Commands(TyperGroup):
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
         """List the commands with their first sentences, which are wrapped and not cut."""
-        docs = {name: " ".join((f.__doc__ or "").split()) for name, f in self.by_name.functions.items()}
+        docs = {name: " ".join((f.__doc__ or "").split()) for name, f in self.functions.items()}
         with formatter.section("Commands"):
             formatter.write_dl([(name, doc.partition(". ")[0].removesuffix(".") + ".") for name, doc in docs.items()])
 

@@ -16,6 +16,9 @@ if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table
     from rich.text import Text
+    from xarray import Dataset as Dataset
+else:  # which is slow to import, for annotations
+    Dataset = Any
 
 imported: list[str] = []  # the modules that the running command has imported with --import
 RAISED = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
@@ -60,8 +63,7 @@ def printed_warnings(subject: object = "") -> Iterator[None]:
             say(f"{about_it}warning: {words(message)}", "yellow")
         printed.add(str(message))
 
-    with warnings.catch_warnings():
-        warnings.simplefilter("always", UserWarning)
+    with warnings.catch_warnings(action="always", category=UserWarning):
         warnings.showwarning = told
         yield
 

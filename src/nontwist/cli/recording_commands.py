@@ -8,7 +8,7 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import Annotated, Any, Literal
 
 import typer
 
@@ -19,7 +19,7 @@ from ..geometry.values import error_place, error_text, number_text, text_to_plac
 from ..io.whole import require_free, written
 from ..recordings.options import ReadOptions
 from .outcomes import BAD_DATA, CommandError, about, require_readable
-from .printing import print_rows, say
+from .printing import Dataset, print_rows, say
 from .shared_options import (
     Answer,
     DecimalComma,
@@ -32,9 +32,6 @@ from .shared_options import (
     refuse,
     settings,
 )
-
-if TYPE_CHECKING:
-    import xarray
 
 ROUND_OFF = 1e-14  # rad
 MOST = 0.9  # of an error: what makes more is named as its cause
@@ -184,7 +181,7 @@ def _of_the_second(file: str, given: str | None) -> Iterator[None]:
 # What is written and printed of a result.
 
 
-def facts(result: xarray.Dataset) -> dict[str, Any]:
+def facts(result: Dataset) -> dict[str, Any]:
     """Return the numbers of the summary, in rad, s, sr."""
     import numpy as np
 
@@ -203,7 +200,7 @@ def facts(result: xarray.Dataset) -> dict[str, Any]:
     return facts | counts | texts
 
 
-def _write(result: xarray.Dataset, places: dict[str, Path], degrees: bool, decimal_comma: bool, force: bool) -> None:
+def _write(result: Dataset, places: dict[str, Path], degrees: bool, decimal_comma: bool, force: bool) -> None:
     """Write what each suffix stands for."""
     from ..io.run_files import in_degrees, write_csv
 
@@ -222,7 +219,7 @@ def _write(result: xarray.Dataset, places: dict[str, Path], degrees: bool, decim
         plot.save(drawn, places[".pdf"], places[".png"], force=force)
 
 
-def summary(result: xarray.Dataset, degrees: bool) -> None:
+def summary(result: Dataset, degrees: bool) -> None:
     """Print the numbers of a result in words."""
     import numpy as np
 

@@ -8,7 +8,7 @@ import sys
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, TextIO
+from typing import Annotated, Any, Literal, TextIO
 
 import nontwist
 
@@ -16,14 +16,9 @@ from ..errors import ResultFileError
 from ..geometry.values import nearest, number_text
 from ..io.whole import require_free, written
 from .outcomes import require_readable
-from .printing import print_rows, print_variables, printed_warnings, say_next, say_written
+from .printing import Dataset, print_rows, print_variables, printed_warnings, say_next, say_written
 from .run_commands import body_rows, invariants_kept, rows_of_run, steps_of, times_of_events
 from .shared_options import AsJson, DecimalComma, Force, Opt, argument, refuse, require_suffix
-
-if TYPE_CHECKING:
-    import xarray
-
-    from ..models.system import DirectorSystem
 
 TOLD = {"file", "bytes", "title", "system", "load", "integrator", "step", "steps", "status", "message", "versions"}
 TOLD |= {"conventions", "total_twist", "twist_defect", "tolerance", "error_estimate", "axis_frame", "mass"}
@@ -84,10 +79,10 @@ def export_command(
     csv = partial(write_csv, decimal_comma=decimal_comma)
     if euler is not None:
         require_sequence(euler)
-    writers: dict[str, Callable[[xarray.Dataset, TextIO], None]] = {"csv": csv, "json": write_json}
+    writers: dict[str, Callable[[Dataset, TextIO], None]] = {"csv": csv, "json": write_json}
     write = writers.get(kind)
 
-    def opened() -> xarray.Dataset:
+    def opened() -> Dataset:
         whole = _run_or_sweep(result)
         run = _chosen(whole, names, kind)
         if euler is not None:
@@ -114,7 +109,7 @@ def export_command(
         say_written([out])
 
 
-def _opened(path: Path) -> xarray.Dataset:
+def _opened(path: Path) -> Dataset:
     """Return what a file holds along time; a ResultFileError where it holds nothing along it."""
     require_readable(path)
     run = nontwist.open_run(path)
@@ -123,7 +118,7 @@ def _opened(path: Path) -> xarray.Dataset:
     return run
 
 
-def _run_or_sweep(path: Path) -> xarray.Dataset:
+def _run_or_sweep(path: Path) -> Dataset:
     """Return a run, or the members of a sweep, numbered, what was varied first."""
     if not path.is_dir():
         return _opened(path)
@@ -137,7 +132,7 @@ def _run_or_sweep(path: Path) -> xarray.Dataset:
     return ordered.assign_coords(member=range(members.sizes["member"]))
 
 
-def _chosen(run: xarray.Dataset, names: str | None, kind: str) -> xarray.Dataset:
+def _chosen(run: Dataset, names: str | None, kind: str) -> Dataset:
     """Return a run or a sweep with these variables only, separated by commas; times and members stay.
 
     For CSV, variables of events come without states, whose lines are others.
@@ -159,7 +154,7 @@ def _chosen(run: xarray.Dataset, names: str | None, kind: str) -> xarray.Dataset
     return run[chosen].assign_coords({name: run[name] for name in always})
 
 
-def _facts(run: xarray.Dataset, path: Path, body: DirectorSystem | None) -> dict[str, Any]:
+def _facts(run: Dataset, path: Path, body: nontwist.DirectorSystem | None) -> dict[str, Any]:
     """Return everything that `info` prints, as plain data."""
     from ..analysis.invariants import STATES
     from ..io.run_files import record
@@ -193,7 +188,7 @@ def _facts(run: xarray.Dataset, path: Path, body: DirectorSystem | None) -> dict
     return facts
 
 
-def _print(facts: dict[str, Any], body: DirectorSystem | None) -> None:
+def _print(facts: dict[str, Any], body: nontwist.DirectorSystem | None) -> None:
     print_rows(facts.get("title", facts["file"]), _rows(facts, body))
     sizes = [zip(one["dimensions"], one["shape"], strict=True) for one in facts["variables"].values()]
     dimensions = [", ".join(f"{dim} {size}" for dim, size in one) for one in sizes]
@@ -201,7 +196,7 @@ def _print(facts: dict[str, Any], body: DirectorSystem | None) -> None:
     say_next(("view", facts["file"]), ("export", facts["file"], "--out", "NAME.csv"))
 
 
-def _rows(facts: dict[str, Any], body: DirectorSystem | None) -> dict[str, str]:
+def _rows(facts: dict[str, Any], body: nontwist.DirectorSystem | None) -> dict[str, str]:
     """Return the facts in words."""
     from ..analysis.joining import loads_in_words
 
@@ -211,7 +206,8 @@ def _rows(facts: dict[str, Any], body: DirectorSystem | None) -> dict[str, str]:
         rows["load"] = "\n".join(loads_in_words(facts.get("joined", [facts])))
     if facts["time"]:
         time = facts["time"]
-        first, last = (f"{time[end]:.12g}" if body is None else _exact(time[end]) for end in ("first", "last"))
+        ends = time["first"], time["last"]
+        first, last = (f"{t:.12g}" if body is None else repr(t).removesuffix(".0") for t in ends)
         rows["time"] = f"{first} s to {last} s, {time['states']} stored states"
     if "total_twist" in facts:
         rows["total twist"] = _words("total_twist", facts["total_twist"])
@@ -227,11 +223,6 @@ def _rows(facts: dict[str, Any], body: DirectorSystem | None) -> dict[str, str]:
     return rows | {
         _SPELLED.get(name, name.replace("_", " ")): _words(name, value) for name, value in rest.items() if value != ""
     }
-
-
-def _exact(number: float) -> str:
-    """Return a number with all its digits, for `time.t_start` of a run that continues."""
-    return repr(number).removesuffix(".0")
 
 
 def _words(name: str, value: str | float) -> str:

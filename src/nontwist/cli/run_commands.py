@@ -20,13 +20,11 @@ from ..errors import RunFileError, SimulationError, SimulationInterrupt
 from ..geometry.values import nearest, number_text
 from ..io.whole import require_free, written
 from .outcomes import BAD_DATA, INTERRUPTED, IO, SOLVER, CommandError, about, on_file
-from .printing import print_rows, say, say_next, say_written, shown_unit
+from .printing import Dataset, print_rows, say, say_next, say_written, shown_unit
 from .shared_options import Answer, Force, Opt, Overrides, RunFiles, argument, refuse, require_folder, require_suffix
 from .view_commands import smooth
 
 if TYPE_CHECKING:
-    import xarray
-
     from ..driver.single_run import Forecast
     from ..runfile import RunFile
 
@@ -151,7 +149,7 @@ def _figure_files(target: Path, name: str) -> list[Path]:
     return [target.with_name(f"{target.stem}-{name}{suffix}") for suffix in (".pdf", ".png")]
 
 
-def _draw(run: xarray.Dataset, target: Path, name: str, force: bool) -> list[Path]:
+def _draw(run: Dataset, target: Path, name: str, force: bool) -> list[Path]:
     plot = nontwist.plot
     if name == "momenta":
         left, right = plot.new_axes(columns=2, panels=2)
@@ -277,7 +275,7 @@ def forecast_rows(run_file: RunFile, forecast: Forecast) -> dict[str, str]:
     return rows
 
 
-def steps_of(run: xarray.Dataset) -> dict[str, int]:
+def steps_of(run: Dataset) -> dict[str, int]:
     """Return how many steps a run has taken, as {"steps": N}; nothing of a run without steps or states."""
     from ..analysis.trajectory import segments_from
     from ..integrators.ivp import FIT
@@ -289,7 +287,7 @@ def steps_of(run: xarray.Dataset) -> dict[str, int]:
     return {"steps": math.ceil(span / h * (1 - FIT)) if grid is None else grid.steps_until(float(time[-1]))}
 
 
-def run_numbers(run: xarray.Dataset) -> dict[str, Any]:
+def run_numbers(run: Dataset) -> dict[str, Any]:
     """Return what was done in a run and how well its invariants were kept, as plain data."""
     from ..analysis.trajectory import segments_from
     from ..io.run_files import record
@@ -305,7 +303,7 @@ def run_numbers(run: xarray.Dataset) -> dict[str, Any]:
     return numbers | invariants_kept(run)
 
 
-def invariants_kept(run: xarray.Dataset) -> dict[str, Any]:
+def invariants_kept(run: Dataset) -> dict[str, Any]:
     """Return the drifts of the invariants of a run, and its defect of the twist where its body may not twist."""
     from ..analysis.invariants import drifts, twist_defect
 
@@ -314,7 +312,7 @@ def invariants_kept(run: xarray.Dataset) -> dict[str, Any]:
     return found | ({} if defect is None else {"twist_defect": defect})
 
 
-def times_of_events(run: xarray.Dataset) -> dict[str, list[float]]:
+def times_of_events(run: Dataset) -> dict[str, list[float]]:
     """Return the times of the events of a run, s, by their names, of those that did not happen none."""
     names, times = run["event_name"].values.tolist(), run["t_events"].values.tolist()
     asked = dict.fromkeys([*json.loads(run.attrs.get("events", "[]")), *names])

@@ -18,23 +18,16 @@ from ..io.whole import require_free
 from ..recordings.options import ReadOptions
 from ..spec import specs
 from .outcomes import about, require_readable
-from .printing import say
+from .printing import Dataset, say
 from .shared_options import Force, Opt, argument, given_again, numbers_of, refuse, require_suffix
 
 if TYPE_CHECKING:
-    import xarray
-
-    from ..loads import Load
     from ..viewer import View
 
 FAR, DRAWN = 0.1, 20_000  # rad between states that are drawn as they are; states that are drawn, and steps for them
 STEPS = 10**6  # of a run whose states are completed, which takes as long as the run
 
 Show = Annotated[bool, Opt("Open the page in the browser.", option="--open/--no-open")]
-
-
-def _camera(text: str) -> Any:
-    return numbers_of(text, "two angles like 35,20")
 
 
 LENGTH = Opt(
@@ -61,7 +54,7 @@ CAMERA = Opt(
     "Direction from which films and pictures are seen, degrees: 35,20.",
     "AZIMUTH,ELEVATION",
     default="from the side of the paths; under gravity from above the horizon",
-    parser=_camera,
+    parser=lambda text: numbers_of(text, "two angles like 35,20"),
 )
 LABELS = Opt(
     "Name of the run; of two, separated by a comma.",
@@ -177,8 +170,8 @@ def _read(path: Path, how: ReadOptions, span: slice, given: list[str]) -> Any:
     return found
 
 
-def _part(data: Any, span: slice) -> xarray.Dataset:
-    part: xarray.Dataset = data
+def _part(data: Any, span: slice) -> Dataset:
+    part: Dataset = data
     if span == slice(None) or "time" not in data.indexes:
         return part
     part, time = data.sel(time=span), data["time"].values
@@ -190,7 +183,7 @@ def _part(data: Any, span: slice) -> xarray.Dataset:
     return part
 
 
-def _smooth_part(path: Path, run: xarray.Dataset, span: slice) -> xarray.Dataset:
+def _smooth_part(path: Path, run: Dataset, span: slice) -> Dataset:
     """Return a part of a run, its states completed where they are far apart; or warn that they are."""
     from ..viewer.content import FAR, NEEDED, STATES
 
@@ -215,17 +208,18 @@ def _smooth_part(path: Path, run: xarray.Dataset, span: slice) -> xarray.Dataset
         return part
 
 
-def largest_turn(run: xarray.Dataset) -> float:
+def largest_turn(run: Dataset) -> float:
     """Return the largest rotation from one state of a run to the next, rad."""
+    from ..geometry.attitudes import turns
     from ..recordings.motions import rotation
-    from ..viewer.content import turns_between
 
-    return float(turns_between(rotation(run).as_quat()).max(initial=0.0))
+    p = rotation(run).as_quat()
+    return float(turns(p[:-1], p[1:]).max(initial=0.0))
 
 
 def smooth(
-    run: xarray.Dataset, load: Load | None = None, span: tuple[float, float] | None = None, most: int = DRAWN
-) -> xarray.Dataset:
+    run: Dataset, load: nontwist.Load | None = None, span: tuple[float, float] | None = None, most: int = DRAWN
+) -> Dataset:
     """Return a run, or a span of it, with more states where its own lie far apart; at most about `most`.
 
     A ValueError or a SimulationError says why there can be none: a load of functions, or one that ends here.

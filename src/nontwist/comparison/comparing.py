@@ -26,7 +26,7 @@ from dataclasses import fields
 from functools import partial
 from math import ceil, log2
 from time import perf_counter
-from typing import TYPE_CHECKING, Any, Unpack
+from typing import Any, Unpack
 
 import numpy as np
 
@@ -36,7 +36,7 @@ from ..driver.grid import count_steps, fits, inside, kinks, segments_of, with_sp
 from ..driver.notices import COARSE_STEP, progress_bar
 from ..driver.planning import resolve_integrator
 from ..driver.problem import OfComparison, Problem, posed, start_of, takes
-from ..geometry.arrays import Array, as_array
+from ..geometry.arrays import Array, Dataset, as_array
 from ..geometry.values import as_list, as_whole, short_repr
 from ..integrators import INTEGRATORS, Integrator, SimulationError, Status
 from ..integrators.ivp import Segments, segmented
@@ -44,9 +44,6 @@ from ..loads import Load, as_load
 from ..models.stack import stacked
 from ..models.system import DirectorSystem, as_system
 from .reference import Case, Reference, automatic_run, distances, reference
-
-if TYPE_CHECKING:
-    import xarray
 
 FEW = 4
 BESIDE = ("step", "tolerance", "integrator", "order", "store")  # which a problem may have
@@ -61,7 +58,7 @@ def compare(
     repeats: int = 5,
     progress: bool = False,
     **keywords: Unpack[OfComparison],
-) -> xarray.Dataset:
+) -> Dataset:
     """Run many integrators at many steps on one problem and compare them with a reference solution.
 
     Parameters
@@ -122,8 +119,7 @@ def compare(
     problem = posed("compare", system, keywords, OfComparison, aside=BESIDE)
     problem = problem.replace(**dict.fromkeys(BESIDE))  # type: ignore[arg-type]
     body, load, begin = as_system(problem.system), as_load(problem.load), start_of(problem)
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
+    with warnings.catch_warnings(record=True, action="always") as caught:
         automatic = automatic_run(problem, begin)
     known = texts_of(caught)
     t0, t1 = (float(t) for t in automatic.time)
@@ -137,8 +133,7 @@ def compare(
     meets_kinks |= all(fits(inside(pace.breakpoints, t0, t1), N) for N in numbers.values())
     for text in sorted(known | ({_few(shared)} if shared < FEW else set())):
         warnings.warn(text, UserWarning, stacklevel=2)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
+    with warnings.catch_warnings(action="ignore"):
         exact = reference(case, at)
     kept = invariants(body, load.description)
     first = next(iter(numbers))
@@ -290,8 +285,7 @@ def compared(
     else:
         store = grid.steps // stored_intervals(grid.steps, shared)
         run_to, call = partial(case.run_on, grid, store, scheme), partial(case.run_on, grid, "end", scheme)
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
+    with warnings.catch_warnings(record=True, action="always") as caught:
         try:
             run = run_to()
         except (ValueError, SimulationError) as error:
@@ -318,8 +312,7 @@ def shortest_times(calls: dict[Any, Callable[[], Trajectory]], repeats: int) -> 
     timed twice in a row: the first time includes what other calls have left cold.
     """
     best, spent = dict.fromkeys(calls, np.inf), 0.0
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
+    with warnings.catch_warnings(action="ignore"):
         for _ in range(repeats):
             if spent > ENOUGH:
                 break
@@ -364,7 +357,7 @@ def comparison_dataset(
     outcomes: Mapping[tuple[str, float], Mapping[str, Any]],
     reference: Reference,
     invariants: Mapping[str, Invariant],
-) -> xarray.Dataset:
+) -> Dataset:
     """Return the dataset that `nontwist.compare` describes.
 
     `outcomes` by label and step, of what takes no steps at the first one.

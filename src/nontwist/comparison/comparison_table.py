@@ -10,11 +10,10 @@ from numpy.typing import ArrayLike
 
 from ..analysis.datasets import as_dataset
 from ..analysis.invariants import in_words
-from ..geometry.arrays import Array, as_positive
+from ..geometry.arrays import Array, Dataset, as_positive
 from .comparing import MEASURES, short
 
 if TYPE_CHECKING:
-    import xarray
     from rich.table import Table
 
 # Cells, headings, legends and notes of the tables of a comparison.
@@ -31,7 +30,7 @@ def as_comparison(data: Any) -> Any:
     return as_dataset(data, "a comparison of nontwist.compare", NUMBERS, ("title", "shared_times", "reference"), TEXTS)
 
 
-def empty_table(title: str, first: str, headings: Sequence[str], comparison: xarray.Dataset) -> Table:
+def empty_table(title: str, first: str, headings: Sequence[str], comparison: Dataset) -> Table:
     """Return a table without rows, its last columns those of invariants; many have no padding between them."""
     from rich import box
     from rich.table import Table
@@ -45,13 +44,13 @@ def empty_table(title: str, first: str, headings: Sequence[str], comparison: xar
     return table
 
 
-def invariant_headings(comparison: xarray.Dataset) -> list[str]:
+def invariant_headings(comparison: Dataset) -> list[str]:
     """Return the headings of the columns of `invariant_drifts`."""
     headings = [f"drift\n{symbol}" for symbol in comparison["invariant_symbol"].values]
     return [*headings, "twist\nrad/s"] if "twist_defect" in comparison else headings
 
 
-def invariant_legend(comparison: xarray.Dataset) -> str:
+def invariant_legend(comparison: Dataset) -> str:
     """Return the legend of `invariant_headings`."""
     symbols, names = comparison["invariant_symbol"].values, comparison["invariant"].values
     drifts = ", ".join(f"{symbol} {in_words(name)}" for symbol, name in zip(symbols, names, strict=True))
@@ -59,7 +58,7 @@ def invariant_legend(comparison: xarray.Dataset) -> str:
     return f"Largest relative drifts: {drifts}{twist}."
 
 
-def invariant_drifts(runs: xarray.Dataset) -> list[Array]:
+def invariant_drifts(runs: Dataset) -> list[Array]:
     """Return the drift of each invariant, and the twist defect where there is one, over the steps of `runs`."""
     drifts = list(runs["drift"].transpose("invariant", ...).values)
     return [*drifts, runs["twist_defect"].values] if "twist_defect" in runs else drifts
@@ -115,7 +114,7 @@ SPOILT = (
 )
 
 
-def summary(comparison: xarray.Dataset, targets: Sequence[float] = (1e-3, 1e-6, 1e-9)) -> Table:
+def summary(comparison: Dataset, targets: Sequence[float] = (1e-3, 1e-6, 1e-9)) -> Table:
     """Return a comparison as a table with one line for each integrator, from which to choose.
 
     Parameters
@@ -181,7 +180,7 @@ def summary(comparison: xarray.Dataset, targets: Sequence[float] = (1e-3, 1e-6, 
     return table
 
 
-def times_to(comparison: xarray.Dataset, target: float, of: str = "run_time") -> dict[str, float]:
+def times_to(comparison: Dataset, target: float, of: str = "run_time") -> dict[str, float]:
     """Return the time to an attitude error of `target` rad, s, or the step, of each integrator that reaches it."""
     found = {}
     for name in comparison["integrator"].values:
@@ -203,7 +202,7 @@ def _fastest(times: dict[str, float]) -> list[str]:
     return sorted((name for name in times if times[name] <= CLOSE * min(times.values())), key=times.__getitem__)
 
 
-def _verdicts(comparison: xarray.Dataset, times: dict[float, dict[str, float]]) -> list[str]:
+def _verdicts(comparison: Dataset, times: dict[float, dict[str, float]]) -> list[str]:
     """Return which integrators are fastest to each error, if times are given, and which conserve all invariants."""
     lines = [] if times else [SPOILT]
     for target, reached in times.items():
@@ -216,7 +215,7 @@ def _verdicts(comparison: xarray.Dataset, times: dict[float, dict[str, float]]) 
     return [*lines, f"Every drift within {short(CONSERVED)}: {_listed(comparison, conserving)}."]
 
 
-def _listed(comparison: xarray.Dataset, names: list[str]) -> str:
+def _listed(comparison: Dataset, names: list[str]) -> str:
     """Return labels as a list, each family named once: gauss 4, 8; exact."""
     families: dict[str, list[str]] = {}
     for name in names:
@@ -230,7 +229,7 @@ def _last(orders: Array) -> str:
     return f"{measured[-1]:.1f}" if measured.size else NONE
 
 
-def table(comparison: xarray.Dataset) -> Table:
+def table(comparison: Dataset) -> Table:
     """Return all runs of a comparison as a table, grouped by integrator; failures are explained below it.
 
     Parameters
@@ -291,11 +290,11 @@ def table(comparison: xarray.Dataset) -> Table:
     return table
 
 
-def _error(run: xarray.Dataset, of: str) -> str:
+def _error(run: Dataset, of: str) -> str:
     below = bool(run[f"{of}_below_bar"])
     return "<" + short(float(run[f"{of}_reference_error"])) if below else short(float(run[f"{of}_error_max"]))
 
 
-def _order(run: xarray.Dataset, of: str) -> str:
+def _order(run: Dataset, of: str) -> str:
     order = float(run[f"{of}_order"])
     return "" if np.isnan(order) else f"{order:.1f}"

@@ -7,14 +7,14 @@ from __future__ import annotations
 
 from dataclasses import replace
 from math import inf, nan, sqrt
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple, Never
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import warn
-from ..geometry.arrays import Array, as_array, as_floats, as_number, as_positive, vector
-from ..geometry.values import hinted, short_repr
+from ..geometry.arrays import Array, Rotation, as_array, as_floats, as_number, as_positive, vector
+from ..geometry.values import hinted, short_repr, unknown_keyword
 from ..integrators import INTEGRATORS, IVP, Integrator, SimulationError, Status
 from ..integrators.compiled import Compiled
 from ..integrators.integrator import Failure
@@ -36,9 +36,6 @@ from .planning import internal_states, planned, resolve_integrator
 from .problem import STARTS, OfLoop, OfStart, Problem, keywords_of, posed
 from .single_run import whole_of
 from .starts import AT_REST, BodyState, starts, wheel_axes_of
-
-if TYPE_CHECKING:
-    from scipy.spatial.transform import Rotation
 
 
 class MarchedStep:
@@ -199,6 +196,8 @@ def _takes_steps(kind: type[Integrator]) -> bool:
 class StepperState(BodyState):
     """The state of a body between two steps. Later steps of its `Stepper` do not change it.
 
+    Its time is the start time plus the number of steps since the last reset times their length.
+
     All numbers are floats or tuples of floats, but for the array of the directors. States compare equal if all their
     numbers do, and can be pickled.
 
@@ -216,11 +215,6 @@ class StepperState(BodyState):
     _kind: Kind
     _start: float
     _steps: int
-
-    @property
-    def time(self) -> float:
-        """Time t, s: the start time plus the number of steps since the last reset times their length."""
-        return self._time
 
     @property
     def steps(self) -> int:
@@ -375,7 +369,11 @@ class Stepper:
         return self._state
 
     def step(
-        self, body_moment: ArrayLike = ZERO, space_moment: ArrayLike = ZERO, wheel_torque: ArrayLike = NONE
+        self,
+        body_moment: ArrayLike = ZERO,
+        space_moment: ArrayLike = ZERO,
+        wheel_torque: ArrayLike = NONE,
+        **unknown: Never,
     ) -> StepperState:
         """Take one step under moments that are constant over it, and return the state at its end.
 
@@ -412,6 +410,9 @@ class Stepper:
         The moments add to the dead forces of the body and to the load of the stepper. They are processed fastest as
         tuples, lists or arrays of floats.
         """
+        if unknown:  # at a tenth of the cost of `hinted`
+            known = ("body_moment", "space_moment", "wheel_torque")
+            raise unknown_keyword("Stepper.step", next(iter(unknown)), known) from None
         body, space = vector(body_moment, "body_moment"), vector(space_moment, "space_moment")
         if self._steps_now:
             raise RuntimeError("this stepper is taking a step: each thread needs one of its own, a copy.copy of it")

@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING, Any, Unpack
+from typing import Any, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..analysis.trajectory import Trajectory
 from ..analysis.variables import DERIVATIVES, Described, assembled, described, labelled
-from ..geometry.arrays import Array, as_array
+from ..geometry.arrays import Array, Dataset, as_array
 from ..integrators import IVP
 from ..integrators.compiled import Compiled
 from ..integrators.ivp import Segments, segmented
@@ -28,9 +28,6 @@ from .problem import OfStored, Problem, plan_of, posed, start_of, takes
 from .single_run import Prepared, PreparedPlan, integrated
 from .starts import AT_REST, Starts
 
-if TYPE_CHECKING:
-    import xarray
-
 
 @takes(OfStored)
 def sensitivities(
@@ -38,7 +35,7 @@ def sensitivities(
     *,
     wrt: str | Iterable[str] = EVERY,
     **keywords: Unpack[OfStored],
-) -> xarray.Dataset:
+) -> Dataset:
     """Integrate the motion of a body and its derivatives with respect to the start, the body and the load.
 
     They are the exact derivatives of the computed run, step by step, on its time grid. They grow as neighbouring
@@ -120,7 +117,7 @@ def gradient(
     d_material_angular_velocity: ArrayLike | None = None,
     wrt: str | Iterable[str] = EVERY,
     **keywords: Unpack[OfStored],
-) -> xarray.Dataset:
+) -> Dataset:
     """Return the derivatives of a function of the stored states of a run with respect to all parameters at once.
 
     The function f is given by its derivatives at the states of the run, which is integrated again. The cost does not
@@ -294,10 +291,11 @@ class Jacobian:
 
         `removed`: the part of W along the constrained axis that is no longer in it, rad/s.
         """
-        if scale != 1 and (self._parameters.are_scaled or self._prepared.is_damped):
+        are_scaled = any(one.term is not None or one.field == "duration" for one in self._parameters.all)
+        if scale != 1 and (are_scaled or self._prepared.is_damped):
             return None
         start = None
-        if self._parameters.needs_velocity:
+        if any(one.name == "axis" for one in self._parameters.all):  # which the velocity is across
             start = self._parameters.start(self._rows, np.array(W), removed)
         if self._forward is not None:
             return self._forward(p, W, start, scale)

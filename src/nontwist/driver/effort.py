@@ -30,12 +30,12 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ..geometry import rotations
-from ..geometry.arrays import Array, as_positive
+from ..geometry.arrays import Array, Rotation, as_positive
 from ..geometry.values import as_whole
 from ..integrators import Status
 from ..integrators.ivp import segmented
@@ -50,9 +50,6 @@ from .parameters import Parameters
 from .planning import planned
 from .starts import AT_REST, one_attitude
 from .steering import Steering, steered
-
-if TYPE_CHECKING:
-    from scipy.spatial.transform import Rotation
 
 STEPS = 80  # at least
 FEWEST, MOST = 4, 401  # nodes

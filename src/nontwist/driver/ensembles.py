@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from contextlib import nullcontext
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, Literal, Unpack
+from typing import Any, Literal, Unpack
 
 from numpy.typing import ArrayLike
 
 from ..analysis import statistics
 from ..analysis.trajectory import Trajectory
 from ..errors import InputError, Option, warn
-from ..geometry.arrays import Array, as_number, largest_size, vector
+from ..geometry.arrays import Array, Dataset, as_number, largest_size, vector
 from ..geometry.values import among, as_list, as_whole, short_repr
 from ..integrators import Status
 from ..integrators.compiled import Compiled
@@ -41,9 +41,6 @@ from .single_run import Prepared, PreparedPlan, integrated, with_warning
 from .starts import AT_REST, Starts, last_attitude, separate_spin, starts
 from .tolerance import controlled
 
-if TYPE_CHECKING:
-    import xarray
-
 
 @takes(OfEnsemble, "variables", "reduce", "progress", "threads", "device", store="end")
 def simulate_ensemble(
@@ -55,7 +52,7 @@ def simulate_ensemble(
     threads: int | None = None,
     device: Literal["cpu", "gpu"] = "cpu",
     **keywords: Unpack[OfEnsemble],
-) -> xarray.Dataset:
+) -> Dataset:
     """Integrate the motions of many bodies, or of one from many starts, and return them as one dataset.
 
     Each argument with a member axis, which is its first, has m entries along it, or 1 for all members. The result of a

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from contextlib import nullcontext
 from dataclasses import replace
-from typing import TYPE_CHECKING, Unpack
+from typing import Unpack
 
 import numpy as np
 
 from ..analysis import statistics
 from ..errors import warn
-from ..geometry.arrays import Array
+from ..geometry.arrays import Array, Dataset
 from ..geometry.attitudes import States
 from ..geometry.values import as_whole
 from ..integrators import IVP, Integrator, SimulationError, Status
@@ -31,16 +31,13 @@ from .problem import OfMany, OfMotion, Problem, plan_of, posed, start_of, starts
 from .starts import Starts
 from .tolerance import controlled
 
-if TYPE_CHECKING:
-    import xarray
-
 LARGEST, MOST = 2**26, 256  # bytes of the states of members that are marched at a time, and their number
 LINEARISED = 6.0  # times the cost of a step in lanes, of its states, its matrices and the growth
 KNOWN = {"units": "s-1", "long_name": "mean rate of growth from the start", "symbol": "λ"}
 
 
 @takes(OfMotion)
-def lyapunov(system: DirectorSystem | Problem, **keywords: Unpack[OfMotion]) -> xarray.Dataset:
+def lyapunov(system: DirectorSystem | Problem, **keywords: Unpack[OfMotion]) -> Dataset:
     """Return the Lyapunov exponents of a motion, from its tangent flow.
 
     Small changes of the attitude and of W, orthonormal at the start, are propagated along the run and
@@ -122,7 +119,7 @@ def lyapunov_ensemble(
     progress: bool = False,
     threads: int | None = None,
     **keywords: Unpack[OfMany],
-) -> xarray.Dataset:
+) -> Dataset:
     """Return the Lyapunov exponents of many motions: a map of order and chaos over starts, bodies or loads.
 
     For each member these are the exponents that `lyapunov` returns for the end of its run. `lie-midpoint` is the

@@ -14,11 +14,11 @@ import signal
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from types import FrameType
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..errors import warn
+from ..geometry.arrays import Dataset
 from ..geometry.values import number_text
 from ..integrators import IVP, Integrator, Status
 from ..integrators.costs import Cost
@@ -30,9 +30,6 @@ from ..models.stack import SystemStack
 from . import grid
 from .contacts import refusal
 from .grid import load_messages
-
-if TYPE_CHECKING:
-    import xarray
 
 LONG, LARGE = 10.0, 1e9  # s and bytes above which a run is announced
 STATE_NS = 5_000  # of a stored state
@@ -185,7 +182,7 @@ def messages(problem: IVP, outcome: Outcome) -> dict[int, str]:
     return {i: failure_message(problem, failure) for i in failed if (failure := outcome.failure(i)) is not None}
 
 
-def with_messages(many: xarray.Dataset, problem: IVP, outcome: Outcome) -> xarray.Dataset:
+def with_messages(many: Dataset, problem: IVP, outcome: Outcome) -> Dataset:
     """Return an ensemble with the messages of failed members, and warn of them."""
     failed = messages(problem, outcome)
     if not failed:

@@ -197,16 +197,6 @@ class Parameters:
         size = min(size, 1 - size) if one.field == "eccentricity" else size
         return [[(term, changed(make, value, unit, size))] for unit in units]
 
-    @property
-    def needs_velocity(self) -> bool:
-        """Whether the change of the first state depends on its velocity."""
-        return any(one.name == "axis" for one in self.all)
-
-    @property
-    def are_scaled(self) -> bool:
-        """Whether what they do depends on the factor of the load."""
-        return any(one.term is not None or one.field == "duration" for one in self.all)
-
     def start(self, rows: int, velocity: Array, removed: float = 0.0) -> Array:
         """Return the change of the first state by each number, (rows, count), of a run that starts with W.
 

@@ -6,7 +6,7 @@ import os
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import FrozenInstanceError
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, Literal, TypedDict, TypeVar, Unpack
+from typing import Any, Literal, TypedDict, TypeVar, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,15 +20,11 @@ from ..models.system import DirectorSystem, as_system
 from ..spec import with_keywords
 from .events import as_events
 from .planning import Plan, planned
-from .single_run import Prepared
-from .starts import Starts, starts
+from .single_run import Forecast, Prepared, forecast
+from .starts import BodyState, Starts, starts
 
-if TYPE_CHECKING:
-    from .single_run import Forecast
-    from .starts import BodyState
-
-    Event = Callable[[float, BodyState], float]
-    Events = Event | Sequence[Event]
+Event = Callable[[float, BodyState], float]
+Events = Event | Sequence[Event]
 
 
 class OfStart(TypedDict, total=False):
@@ -207,6 +203,14 @@ class Problem:
     def __delattr__(self, name: str) -> None:
         raise FrozenInstanceError(f"a problem cannot be changed: problem.replace({name}=None) returns another")
 
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Problem) or self.system != other.system or self.given.keys() != other.given.keys():
+            return False
+        return all(_are_equal(value, other.given[key]) for key, value in self.given.items())
+
+    def __hash__(self) -> int:
+        return hash((self.system, frozenset(self.given)))
+
     def __reduce__(self) -> tuple[Any, ...]:
         return problem_with, (self.system, dict(self.given), self.file)
 
@@ -323,8 +327,6 @@ class Problem:
         ValueError
             As `simulate`.
         """
-        from .single_run import forecast
-
         return forecast(prepared(self))
 
 
@@ -381,6 +383,14 @@ def _kept(keywords: Any) -> dict[str, Any]:
         if isinstance(value, np.ndarray):
             value.flags.writeable = False
     return kept
+
+
+def _are_equal(one: Any, other: Any) -> bool:
+    """Whether two values of a keyword are the same: numbers, also in arrays, loads, rotations, runs, or functions."""
+    if one is other or hasattr(one, "identical"):
+        return one is other or bool(type(one) is type(other) and one.identical(other))
+    one, other = (value.as_matrix() if hasattr(value, "as_matrix") else value for value in (one, other))
+    return np.array_equal(one, other)
 
 
 def problem_with(system: DirectorSystem | SystemStack, given: Mapping[str, Any], file: Any = None) -> Problem:

@@ -10,7 +10,7 @@ of a state that is taken up again. No kink of the load is crossed: a stored inte
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, Unpack
+from typing import Any, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,7 +19,7 @@ from ..analysis.datasets import RUN, as_dataset
 from ..analysis.joining import parts_of
 from ..analysis.trajectory import Trajectory, segments_from, state_dataset
 from ..analysis.variables import VARIABLES
-from ..geometry.arrays import Array, as_array
+from ..geometry.arrays import Array, Dataset, as_array
 from ..geometry.attitudes import States, states_of, without_jumps
 from ..integrators import INTEGRATORS, IVP, Integrator, SimulationError, SimulationInterrupt
 from ..integrators.ivp import FIT, Segments, segmented, started
@@ -33,9 +33,6 @@ from .grid import kinks, with_spin_kinks
 from .notices import failure_message
 from .problem import OfRun, Problem, posed, prepared, takes
 
-if TYPE_CHECKING:
-    import xarray
-
 
 @takes(OfRun, "progress")
 def simulate(
@@ -43,7 +40,7 @@ def simulate(
     *,
     progress: bool = False,
     **keywords: Unpack[OfRun],
-) -> xarray.Dataset:
+) -> Dataset:
     """Integrate the motion of a body and return it as a dataset.
 
     Parameters
@@ -155,7 +152,7 @@ def simulate(
     return run if problem.file is None else run.assign_attrs(problem.file.record())
 
 
-def dataset_of(run: Trajectory) -> xarray.Dataset:
+def dataset_of(run: Trajectory) -> Dataset:
     """Return the dataset of a run; a SimulationInterrupt that holds the run where Ctrl-C strikes meanwhile."""
     try:
         return run.to_dataset()
@@ -214,7 +211,7 @@ def run_of(problem: Problem, progress: bool = False) -> Trajectory:
 NEEDED = "time", "quaternion", "directors", "director_velocities", "material_angular_velocity"
 
 
-def resample(run: xarray.Dataset, times: ArrayLike, load: Load | Term | None = None) -> xarray.Dataset:
+def resample(run: Dataset, times: ArrayLike, load: Load | Term | None = None) -> Dataset:
     """Return the states of a run at other times, as its integrator finds them between the stored states.
 
     Parameters
@@ -295,7 +292,7 @@ def resample(run: xarray.Dataset, times: ArrayLike, load: Load | Term | None = N
     return whole.assign_attrs(run.attrs | {"resampled": "between stored states"})
 
 
-def _of_member(run: xarray.Dataset, load: Load) -> Load:
+def _of_member(run: Dataset, load: Load) -> Load:
     """Return the load of an ensemble as that of a member, which has factors and torques of its own."""
     if "load_scale" in run:
         load = run["load_scale"].item() * load

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from ..analysis.datasets import as_dataset, recorded
 from ..analysis.trajectory import Trajectory, segments_from
 from ..errors import SENTENCES, InputError, InputWarning, warn
-from ..geometry.arrays import LARGEST, Array, as_array, as_floats, as_number, in_order, vector
+from ..geometry.arrays import LARGEST, Array, Rotation, as_array, as_floats, as_number, in_order, vector
 from ..geometry.attitudes import attitudes, states_of
 from ..geometry.values import short_repr
 from ..integrators.ivp import Segments
@@ -23,9 +23,6 @@ from ..loads.terms import Record
 from ..models.stack import SystemStack, stacked
 from ..models.system import DirectorSystem
 from .grid import is_too_short
-
-if TYPE_CHECKING:
-    from scipy.spatial.transform import Rotation
 
 # The state of a body at one time, as a value: what events and closed loops look at.
 
@@ -223,7 +220,8 @@ def starts(
     if along in getattr(given, "dims", ()):
         raise ValueError(f"{name} has its components along {along!r}: give it as {other}=")
     if isinstance(start, dict):
-        raise ValueError(f"start must be a run or a state, got a dict; give its entries themselves: {_named(start)}")
+        own = ", ".join(f"{name}=" for name in start) or "rotation=, material_angular_velocity="
+        raise ValueError(f"start must be a run or a state, got a dict; give its entries themselves: {own}")
     systems, start = stacked(system), _of_member(start)
     begin = _continued(start, many)
     if begin is not None:
@@ -247,10 +245,6 @@ def starts(
     begin = begin._replace(load_scale=factors.reshape(-1), wheel_torque=torques)
     m = _members(begin, len(systems), "rotation" if start is None else "start", name)
     return _broadcast(_projected(begin, systems, axis, project, t_start), m)
-
-
-def _named(start: dict[Any, Any]) -> str:
-    return ", ".join(f"{name}=" for name in start) or "rotation=, material_angular_velocity="
 
 
 def _continued(start: Any, many: bool) -> Starts | None:

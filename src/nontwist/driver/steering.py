@@ -28,17 +28,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import asin, atan2, cos, hypot, pi, sin, sqrt
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..geometry.arrays import Array, as_floats
+from ..geometry.arrays import Array, Rotation, as_floats
 from ..geometry.values import hinted
 from .starts import one_attitude
-
-if TYPE_CHECKING:
-    from scipy.spatial.transform import Rotation
 
 XTOL = 4 * float(np.finfo(np.float64).eps)
 MOST_AXES = 31  # of fractions: NumPy's vector product takes 32 with that of the vectors

@@ -24,7 +24,7 @@ from typing import Any
 
 import numpy as np
 
-from ..geometry.arrays import Array, as_array
+from ..geometry.arrays import Array, as_array, axial
 from ..geometry.attitudes import ENTRIES, attitudes
 from ..geometry.rotations import hat
 from ..integrators.ivp import segmented
@@ -124,7 +124,7 @@ class Varied:
         """
         named = self.named(names)
         R, derived = self._derived(values, list(names))
-        turning = _vee(np.einsum("nji,dnjk->dnik", R, by_attitude))
+        turning = axial(np.einsum("nji,dnjk->dnik", R, by_attitude))
         rows = np.concatenate([turning, by_velocity], axis=2)
         if isinstance(derived, Solved) and len(rows) < derived.parameters.count:
             found = np.stack([derived.slopes(one) for one in rows])
@@ -190,7 +190,7 @@ class Varied:
 def _inwards(one: Parameter, value: Array, tangent: Array) -> Array:
     """Return what changes of a parameter as it is given are to `Parameters`, (d, count)."""
     if one.field == "rotation":
-        return _vee(np.einsum("ji,djk->dik", value, tangent)) / 2
+        return axial(np.einsum("ji,djk->dik", value, tangent)) / 2
     if one.field == "inertia":
         return np.stack([(tangent[:, i, j] + tangent[:, j, i]) / 2 for i, j in ENTRIES], axis=1)
     length = float(np.linalg.norm(value)) if one.field in ("axis", "rotor") else 1.0
@@ -209,8 +209,3 @@ def _outwards(one: Parameter, value: Array, slopes: Array, shape: tuple[int, ...
         return found
     length = float(np.linalg.norm(value)) if one.field in ("axis", "rotor") else 1.0
     return (slopes / length).reshape(len(slopes), *shape)
-
-
-def _vee(A: Array) -> Array:
-    """Return the transpose of `hat`: A32 - A23, A13 - A31, A21 - A12 of matrices (..., 3, 3)."""
-    return np.stack([A[..., i, j] - A[..., j, i] for i, j in ((2, 1), (0, 2), (1, 0))], axis=-1)

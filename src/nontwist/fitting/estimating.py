@@ -35,6 +35,7 @@ Where the direction n of c is known the three numbers |a| γ_0 are found instead
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import accumulate, pairwise, repeat
 
@@ -44,7 +45,7 @@ from numpy.typing import NDArray
 from ..geometry.arrays import Array
 from ..geometry.attitudes import BASIS, ENTRIES, LEVI
 from ..geometry.rotations import exp
-from .measuring import finite_rows
+from ..recordings.conventions import finite_rows
 from .predictions import RunawayError
 from .shooting import WHITE, Lane, Shooting, Stretch, Unknowns, correlation, haste_of
 from .solving import CALLS, PATIENT, Solution, solve
@@ -335,12 +336,10 @@ def in_lanes(problem: Shooting, starts: Sequence[Guess] | None = None) -> list[S
     for one in guesses(seen, model) if starts is None else starts:
         J = one.model.nearest(one.inertia, one.more, INSIDE)
         at = Unknowns(J, one.more, begin, begun(seen, lanes, one), speeds)
-        try:
+        with suppress(RunawayError):
             tried.append(solve(replace(problem, lanes=lanes, model=one.model), at, accuracy=ROUGH, calls=20))
-        except RunawayError:
-            continue
-        if explains(tried[-1]):
-            break
+            if explains(tried[-1]):
+                break
     if not tried:
         raise RunawayError("no start leads to a motion")
     return tried

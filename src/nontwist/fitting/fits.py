@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from ..errors import SENTENCES, InputError, InputWarning, Option, warn
 from ..geometry.arrays import Array, as_array, as_flag, as_positive
-from ..geometry.values import among, short_repr
+from ..geometry.values import require_among, short_repr
 from ..recordings.options import ReadOptions
 from ..recordings.reading import Rates
 from ..spec import takes
@@ -173,8 +173,7 @@ def fit_inertia(
     deviations = as_positive(bias, "bias", (), "rad/s"), as_positive(scale, "scale", (), "")
     plain = plain_gyroscope(*(max(float(one), KNOWN) for one in deviations))
     sigma = 0.0 if noise is None else float(as_positive(noise, "noise", (), "rad/s"))
-    if not among(loss, ("linear", "soft_l1")):
-        raise ValueError(f"loss must be 'linear' or 'soft_l1', got {short_repr(loss)}")
+    require_among(loss, "loss", ("linear", "soft_l1"))
     ReadOptions(columns=columns, **reading)  # refuses what it does not know
     reading |= {"columns": columns, "unit": unit}
     spin = None if rotor is None else rotor["speed"]

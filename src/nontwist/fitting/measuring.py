@@ -53,6 +53,7 @@ from ..geometry.attitudes import hats, without_jumps
 from ..geometry.rotations import dexp, exp
 from ..geometry.values import short_repr
 from ..machine import cached_property
+from ..recordings.conventions import finite_rows
 from ..recordings.motions import measured_quaternions, raw_motion
 from ..recordings.options import require_plain
 from ..recordings.orientations import Motion
@@ -193,11 +194,6 @@ def _require_told(name: str, model: Model, has_speeds: bool) -> None:
     needed = not has_speeds if name == "delay" else model.is_free or any_axis
     if not model.oriented and needed:
         raise InputError(f"{name}-untold")
-
-
-def finite_rows(quaternions: Array) -> NDArray[np.intp]:
-    """Return the rows in which there is an attitude."""
-    return np.flatnonzero(np.isfinite(quaternions).all(axis=1))
 
 
 def continuous(quaternions: Array) -> Array:

@@ -8,15 +8,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..errors import SENTENCES, InputWarning
+from ..geometry.arrays import Axes
 from ..geometry.attitudes import ENTRIES
+from ..io.run_files import finite
 from .estimating import UNLIKELY
 from .measuring import IDEAL, PLACES, UNITS
 from .shooting import STRAY
 from .telling import has_intervals, quantile
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
     from .result import Fit, Part
 
 SCALES = {
@@ -181,18 +181,7 @@ def numbers(fit: Fit) -> dict[str, Any]:
         ],
         "warnings": fit.warnings,
     }
-    return _plain(told)
-
-
-def _plain(value: Any) -> Any:
-    """Return arrays as lists, and numbers that are not finite as None."""
-    if isinstance(value, dict):
-        return {key: _plain(one) for key, one in value.items()}
-    if isinstance(value, (np.ndarray, np.generic)):
-        value = value.tolist()
-    if isinstance(value, (list, tuple)):
-        return [_plain(one) for one in value]
-    return None if isinstance(value, float) and not np.isfinite(value) else value
+    return finite(told)
 
 
 SENTENCES |= {

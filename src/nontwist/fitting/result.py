@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..geometry.arrays import Array
+from ..geometry.arrays import Array, Axes
 from ..geometry.attitudes import ENTRIES
 from ..geometry.values import as_whole
 from ..machine import cached_property
@@ -23,8 +23,6 @@ TOLD = 0.5  # of what was known of an error of the gyroscope: a fit that leaves 
 
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
     from ..driver.problem import Problem
 
 
@@ -291,10 +289,6 @@ class Fit:
         """Whether residuals are as likely under white noise as where a part of it is slow, or negligibly small."""
         return self.solution.slow_noise is None
 
-    @property
-    def _speed(self) -> float:
-        return float(np.sqrt(np.mean([(part.measured**2).sum(axis=1).mean() for part in self.parts])))
-
     @cached_property
     def misfit(self) -> float:
         """Ratio of the residuals to the noise, r.m.s.: as given, or the scatter of samples about a smooth motion.
@@ -309,7 +303,8 @@ class Fit:
         if self.has_gyroscope:
             scatter = self._scatter(lambda part: scatter_of(part.time, part.measured))
             least = max(scatter / new_of(self.solution.left_over), self.stated_noise)
-            found.append(self.noise / max(least, EXACT * self._speed))
+            speed = np.sqrt(np.mean([(part.measured**2).sum(axis=1).mean() for part in self.parts]))
+            found.append(self.noise / max(least, EXACT * float(speed)))
         return max(found)
 
     def _scatter(self, of: Callable[[Part], float]) -> float:

@@ -23,7 +23,8 @@ from numpy.typing import NDArray
 
 from ..geometry.arrays import Array
 from ..machine import cached_property
-from .measuring import Gyroscope, Speed, finite_rows, gaps, triangle
+from ..recordings.conventions import finite_rows
+from .measuring import Gyroscope, Speed, gaps, triangle
 from .predictions import Line, Motion, Track, responses
 from .unknowns import Model, entries, symmetric
 

@@ -14,12 +14,20 @@ from collections.abc import Callable
 from decimal import Decimal
 from math import prod
 from types import EllipsisType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .values import short_repr
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes as Axes
+    from scipy.spatial.transform import Rotation as Rotation
+    from xarray import DataArray as DataArray
+    from xarray import Dataset as Dataset
+else:  # which are slow to import, for annotations
+    Axes = DataArray = Dataset = Rotation = Any
 
 Array = NDArray[np.float64]
 
@@ -284,6 +292,11 @@ def vector(value: ArrayLike, name: str) -> tuple[float, float, float]:
 def cross(a: Array, b: Array) -> Array:
     """Return ``a × b`` over the last axis, as `numpy.cross` does in five times the time."""
     return a.take(_NEXT, -1) * b.take(_LAST, -1) - a.take(_LAST, -1) * b.take(_NEXT, -1)
+
+
+def axial(A: Array) -> Array:
+    """Return A32 - A23, A13 - A31, A21 - A12 of matrices (..., 3, 3), the transpose of the map to skew ones."""
+    return np.stack([A[..., i, j] - A[..., j, i] for i, j in ((2, 1), (0, 2), (1, 0))], axis=-1)
 
 
 def sum_of_squares(array: Array) -> float:

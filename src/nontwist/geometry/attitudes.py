@@ -24,8 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
-from ..kernels.vectors import Matrix, first_moment
-from .arrays import Array, cross
+from .arrays import Array, axial, cross, dot
 
 LEVI = np.zeros((3, 3, 3))  # (a × b)_c = LEVI[c, i, j] a_i b_j
 for _i, _j, _k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
@@ -103,7 +102,7 @@ def states_of(q: Array, v: Array) -> tuple[Array, Array, Array]:
     Along the first of several axes the quaternions have no jumps of sign.
     """
     V = v @ q.swapaxes(-1, -2)
-    W = np.stack(first_moment(Matrix(*np.moveaxis(V, (-2, -1), (0, 1)))), axis=-1) / 2
+    W = axial(V.mT) / 2
     return quaternions(q), W, ((V + V.swapaxes(-1, -2)) / 2)[..., ROWS, COLUMNS]
 
 
@@ -122,11 +121,17 @@ def quaternion_column(R: Array) -> Array:
     """
     trace, Q = np.trace(R, axis1=-2, axis2=-1)[..., None, None], np.empty((*R.shape[:-2], 4, 4))
     Q[..., 0, 0] = 1.0 + trace[..., 0, 0]
-    Q[..., 0, 1:] = Q[..., 1:, 0] = np.stack([R[..., k, j] - R[..., j, k] for j, k in ((1, 2), (2, 0), (0, 1))], -1)
+    Q[..., 0, 1:] = Q[..., 1:, 0] = axial(R)
     Q[..., 1:, 1:] = (np.eye(3) + (R + R.mT)) - trace * np.eye(3)
     largest = np.argmax(np.diagonal(Q, axis1=-2, axis2=-1), axis=-1)
     q = np.take_along_axis(Q, largest[..., None, None], axis=-1)[..., 0]
     return np.where(q[..., :1] < 0.0, -q, q)
+
+
+def turns(p: Array, q: Array) -> Array:
+    """Return the angles between attitudes, rad, of unit quaternions (n, 4)."""
+    near = np.where(dot(p, q) < 0, -1.0, 1.0)[:, None]
+    return np.asarray(4 * np.arcsin(np.minimum(np.linalg.norm(q - near * p, axis=1) / 2, 1.0)))
 
 
 def without_jumps(p: Array) -> Array:

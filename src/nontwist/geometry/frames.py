@@ -53,6 +53,7 @@ from __future__ import annotations
 
 import math
 import warnings
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -60,7 +61,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..kernels.vectors import Vector, cross
 from .arrays import TOLERANCE, Array, as_direction, as_floats, principal_angle, refuse, require_finite
 from .frame_kernels import ANTIPODAL
-from .values import among, as_whole
+from .values import as_whole, require_among
 
 
 def vectors(value: ArrayLike, name: str) -> Array:
@@ -155,8 +156,7 @@ def frames_along(
     frames = np.empty((*u.shape, 3))
     k, a, b, far_k, far = transport_samples(u, first_d1(d1, u[:, 0], lead), *rolls, frames)
     if k >= 0:
-        one, other = indices_of(lead, k, a % period, b % period)
-        raise ValueError(f"d3{one} and d3{other} are antipodal: the shortest path between them is not unique")
+        raise _antipodal(*indices_of(lead, k, a % period, b % period))
     if far >= 0:
         (at,) = indices_of(lead, far_k, far % period)
         message = f"d3{at} is more than a right angle from the sample before it: the path between the two is a guess"
@@ -335,7 +335,7 @@ def frame_error_estimate(d3: ArrayLike, *, order: int = 4) -> Array:
     16
     """
     u, lead = unit_directors(d3)
-    return estimates(u, _checked(order)).reshape(*lead, u.shape[1])
+    return estimates(u, as_order(order)).reshape(*lead, u.shape[1])
 
 
 def holonomy(d3: ArrayLike) -> float | Array:
@@ -421,8 +421,7 @@ def solid_angle(d3: ArrayLike, *, pole: ArrayLike | None = None) -> float | Arra
     area = np.empty(len(u))
     k, i = solid_angles(u, area)
     if k >= 0:
-        one, other = indices_of(lead, k, (i - 1) % n, i)
-        raise ValueError(f"d3{one} and d3{other} are antipodal: the shortest path between them is not unique")
+        raise _antipodal(*indices_of(lead, k, (i - 1) % n, i))
     if pole is not None:
         a, b = Vector(*np.moveaxis(u, -1, 0)), Vector(*np.moveaxis(np.roll(u, -1, axis=1), -1, 0))
         p = Vector(*as_direction(pole, "pole", "space"))
@@ -435,6 +434,10 @@ def solid_angle(d3: ArrayLike, *, pole: ArrayLike | None = None) -> float | Arra
         total = 2.0 * np.arctan2(det, rest).sum(axis=-1)
         area += 4 * np.pi * np.round((total - area) / (4 * np.pi))
     return shaped(area, lead)
+
+
+def _antipodal(one: str, other: str) -> ValueError:
+    return ValueError(f"d3{one} and d3{other} are antipodal: the shortest path between them is not unique")
 
 
 def _close(frames: Array, points: Array, angle: float) -> Array:
@@ -471,13 +474,13 @@ def rolls(u: Array, order: int, *, closed: bool) -> tuple[Array, NDArray[np.int6
     from .frame_kernels import smooth_rolls
 
     roll, node = np.zeros(u.shape[:2]), np.ones(u.shape[:2], dtype=np.int64)
-    if _checked(order) == 4:
+    if as_order(order) == 4:
         n = u.shape[1]
         smooth_rolls(u, int(closed), roll, node, np.empty(n, dtype=np.int64), np.empty((3, n)))
     return roll, node
 
 
-def _checked(order: int) -> int:
-    if not among(order, (2, 4)):
-        raise ValueError(f"order must be 2 or 4, got {order!r}")
-    return order
+def as_order(order: Any) -> int:
+    """Return the order of frames; a ValueError where it is neither 2 nor 4."""
+    require_among(order, "order", (2, 4))
+    return int(order)

@@ -6,7 +6,7 @@ import math
 import os
 import sys
 from collections import UserDict
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from functools import wraps
 from inspect import signature
 from numbers import Integral
@@ -50,6 +50,24 @@ class Registry(UserDict[str, T]):
                 f"{key!r} is already the key of the class {old.__qualname__} of {old.__module__}: {self._other}"
             )
         super().__setitem__(key, cls)
+
+
+class MadeByName(Mapping[str, Any]):
+    """What is made when it is looked at, by names, which may become more."""
+
+    def __init__(self, names: Callable[[], Iterable[str]], make: Callable[[str], Any]) -> None:
+        self._names, self._make = names, make
+
+    def __getitem__(self, name: str) -> Any:
+        if name not in self._names():
+            raise KeyError(name)
+        return self._make(name)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._names())
+
+    def __len__(self) -> int:
+        return len([*iter(self)])
 
 
 def _defined_again(old: type, new: type) -> bool:
@@ -210,6 +228,13 @@ def nearest(word: Any, known: Iterable[str]) -> str:
 def among(value: Any, known: Iterable[Any]) -> bool:
     """Return whether `value` is a number or a word, and one of `known`."""
     return (isinstance(value, str) or _is_whole(value)) and value in known
+
+
+def require_among(value: Any, name: str, known: tuple[Any, ...]) -> None:
+    """Raise a ValueError where `value` is none of some words or numbers."""
+    if not among(value, known):
+        *first, last = map(repr, known)
+        raise ValueError(f"{name} must be {', '.join(first)} or {last}, got {short_repr(value)}")
 
 
 def _is_whole(value: Any) -> bool:

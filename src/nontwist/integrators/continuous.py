@@ -27,7 +27,7 @@ from typing import Any, ClassVar, Literal, Self
 import numpy as np
 
 from ..geometry.arrays import Array, as_number
-from ..geometry.values import among, short_repr
+from ..geometry.values import among, require_among, short_repr
 from ..loads import Load
 from ..loads.load import forces_at, moment_at
 from ..loads.potentials import DirectorForces
@@ -109,8 +109,7 @@ class Continuous(Integrator):
         super().__post_init__()
         if not among(self.method, METHODS):
             raise ValueError(f"method must be one of {', '.join(METHODS)}; got {short_repr(self.method)}")
-        if not among(self.form, ("split", "director")):
-            raise ValueError(f"form must be 'split' or 'director', got {short_repr(self.form)}")
+        require_among(self.form, "form", ("split", "director"))
         for name in ("rtol", "atol"):
             if not 0 < as_number(getattr(self, name), name) < 1:
                 raise ValueError(f"{name} must be between 0 and 1, got {short_repr(getattr(self, name))}")

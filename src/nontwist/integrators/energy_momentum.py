@@ -107,7 +107,7 @@ from ..engine.marching import Step, Text, midpoint_means, midpoint_step
 from ..engine.newton import EPS, newton_solve
 from ..engine.records import Body, State
 from ..engine.sampling import Loads, MomentOfStep, Nodes, mean
-from ..geometry.values import among, short_repr
+from ..geometry.values import require_among
 from ..kernels.control import Variables, loop
 from ..kernels.dual import Dual, plain
 from ..kernels.elements import fma, larger, select, sqrt
@@ -177,8 +177,7 @@ class EnergyMomentum(Dissipative):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if not among(self.moments, MOMENTS):
-            raise ValueError(f"moments must be 'paper' or 'exact', got {short_repr(self.moments)}")
+        require_among(self.moments, "moments", MOMENTS)
 
     def refusal(self, problem: IVP) -> str | None:
         """Return why a prescribed spin, or dissipation with a constrained axis, is not accepted."""

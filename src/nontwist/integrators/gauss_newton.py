@@ -173,7 +173,7 @@ class Residuals:
                 rest, stiff = dP - stage.dp, 0.0 * b
                 for c in range(3):
                     H = b * three_tangents(rate[c], 3)
-                    row = self.row(i, c, H if g else None, b * three_tangents(rate[c], 0))
+                    row = self.row(i, c, H if g else None, b * three_tangents(rate[c]))
                     row[m], stiff = rest[c], stiff + taxicab(H)
                 self.stiffness[i] = stiff
                 if e.memory:
@@ -302,7 +302,7 @@ class Residuals:
         return self.momenta.row(q)[self.m]
 
 
-def three_tangents(x: Dual, first: int) -> Vector:
+def three_tangents(x: Dual, first: int = 0) -> Vector:
     """Return three derivatives."""
     found = [*x.tangents[first : first + 3], 0.0, 0.0, 0.0]
     return Vector(*found[:3])

@@ -26,6 +26,7 @@ from ..kernels.memory import View, vector_at
 from ..kernels.vectors import AXES, Matrix, Quaternion, Vector, attitude, cross
 from .gauss import FAINT, about, arc, line, turned_about
 from .gauss_coefficients import TABLE
+from .gauss_newton import three_tangents
 
 if TYPE_CHECKING:
     from .gauss_derivatives import Collocation, StageEquations
@@ -104,7 +105,7 @@ class Line(Turn):
         self.r, lines = line(w, g0, g1), line(seeded(w), g0, g1)
         for i, stage in steps.stages.each():
             psi = arc((h * steps.weight(i)) * stage.V, self.direction(stage.V, steps.vectors(stage)), lines)
-            v.psi, v.by_line = v.psi + plain(psi), v.by_line + first_tangents(psi, 3)
+            v.psi, v.by_line = v.psi + plain(psi), v.by_line + three_tangents(psi)
         self.by_line, self.w = v.by_line, w
         x = seeded((*w, v.psi, *g0, *g1))
         w, g0, g1 = (Vector(*x[k : k + 3]) for k in (0, 4, 7))
@@ -141,7 +142,7 @@ class Line(Turn):
             x = seeded((*stage.V, *[y for v in g for y in v]))
             V, vertical = Vector(*x[:3]), [Vector(*x[3:])] if g else []
             psi = arc(b * V, self.direction(V, vertical), self.r)
-            by_velocity = first_tangents(psi, 3) + b * self.by_line
+            by_velocity = three_tangents(psi) + b * self.by_line
             theta = Matrix(*(b * by[c] + by_velocity[c] * by[3] for c in range(3))).T
             if self.is_momentum:
                 theta = theta + direct @ steps.Z[i, 0]
@@ -191,11 +192,6 @@ class Line(Turn):
                 theta = theta + x * y
             found.append(select(self.is_small, dh * self.by_step, theta))
         return found
-
-
-def first_tangents(x: Any, count: int) -> Vector:
-    """Return the derivatives in the first directions."""
-    return Vector(*(tangent(x, j) for j in range(count)))
 
 
 def rotation_tangents(q: Quaternion, count: int) -> list[Vector]:

@@ -408,10 +408,8 @@ def empty_outcome(problem: IVP) -> Outcome:
 
 def started(state: States) -> dict[str, Any]:
     """Return the fields of a problem of one body that starts with a state."""
-    normal = None if state.normal is None else state.normal[None]
-    internal = None if state.internal is None else state.internal[None]
-    known = {"quaternion": state.quaternion[None], "velocity": state.velocity[None], "normal": normal}
-    return known | {"memory": None, "internal": internal}
+    own = {name: getattr(state, name) for name in ("quaternion", "velocity", "normal", "internal")}
+    return {"memory": None, **{name: None if x is None else x[None] for name, x in own.items()}}
 
 
 def onward(problem: IVP, first: int, last: int, state: States | None = None) -> IVP:

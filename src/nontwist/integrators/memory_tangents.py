@@ -3,12 +3,13 @@
 With R the rows of Λ, z the momenta h of wheels and the internal states of other loads (`loads.memory_terms`),
 and Q the inverse of the carrier's inertia, across a constrained axis, the equations of `gauss` are x' = G(t, x, u):
 
-    R' = R Ŵ,        W' = Q ((J_c W + Σ h n) × W + M(t, R, W, z) - Σ h' n),        z' = f(t, R, W, z),
+    R' = R Ŵ,        W' = Q ((J_c W + Σ h n) × W + M(t, R, W, z) - Σ h' n) + s' v,        z' = f(t, R, W, z),
 
-u parameters of wheels, and J_c, by which W' changes by ``Q (dJ_c W × W - dJ_c W')``. Of a gravity gradient in M the
-inertia is that of the whole body, which changes with that of its carrier, and not with those of wheels. A step from x_n
-has stages ``X_i = x_n + k Σ a_ij G(X_j)``, k its length, and the end ``x_n + k Σ b_j G(X_j)``. Derivatives of both obey
-the same equations, linear, with ∂G/∂x and ∂G/∂u at the stages:
+u parameters of wheels, s a prescribed spin about n, and ``v = J_c⁻¹ n/(n·J_c⁻¹ n)``. J_c is a parameter as well, by
+which W' changes by ``Q (dJ_c W × W - dJ_c W')``. Of a gravity gradient in M the inertia is that of the whole body. It
+changes with that of its carrier, and not with those of wheels. A step from x_n has stages ``X_i = x_n + k Σ a_ij
+G(X_j)``, k its length, and the end ``x_n + k Σ b_j G(X_j)``. Derivatives of both obey the same equations, linear, with
+∂G/∂x and ∂G/∂u at the stages:
 
     dX_i = dx_n + k Σ a_ij (G_x dX_j + G_u du),        dx_{n+1} = dx_n + k Σ b_j (G_x dX_j + G_u du).
 
@@ -60,8 +61,6 @@ NAMES = (
 
 def require_derivatives(problem: IVP, scheme: Compiled) -> None:
     """Raise a ValueError where a problem with memory has no derivatives."""
-    if problem.systems.spin is not None:
-        raise ValueError("runs with memory have no derivatives where a spin is prescribed; leave spin= out")
     _, load = as_marched(problem, False)
     for term in load.potentials:
         if scheme.text("").is_midpoint and not isinstance(term, OfOneVector):
@@ -106,9 +105,11 @@ class RememberingSteps:
         self.damping, self.dead = Matrix(*load.damping.tolist()), Matrix(*systems.dead_force[0].tolist())
         body = carrier(systems[0], load) if self.wheels else systems[0]
         J, Q = body.convected_inertia, np.linalg.inv(body.convected_inertia)
+        self.spin, along = self.problem.system.spin, np.zeros(3)
         if (n := body.axis) is not None:
-            Q = Q - np.outer(Q @ n, Q @ n) / (n @ Q @ n)
-        self.J, self.Q = Matrix(*J.tolist()), Matrix(*Q.tolist())
+            along = Q @ n / (n @ Q @ n)
+            Q = Q - np.outer(Q @ n, along)
+        self.along, self.J, self.Q = Vector(*along.tolist()), Matrix(*J.tolist()), Matrix(*Q.tolist())
         self.size, self.rows = ROWS + len(self.columns), 6 + len(self.columns)
         self.sizes = load.internal_scale[self.columns]
         self.scales = [one.scale for one, _ in found]
@@ -118,7 +119,7 @@ class RememberingSteps:
     def rates(self, t: Array, x: Array, given: Array) -> tuple[Array, Array]:
         """Return G at (N,) times and states (N, size), and its derivatives by states and parameters.
 
-        `given` are moments along the frame and in space, and the momentum of the rotors, (N, 9).
+        `given` are moments along the frame and in space, the momentum of the rotors, and the rate of the spin, (N, 10).
         """
         count = self.size + len(self.parameters)
         units = np.eye(count).tolist()
@@ -150,7 +151,7 @@ class RememberingSteps:
             push = push + moment_of(R.T, self.dead)
         else:
             torque = torque + first_moment(Matrix(*(force @ R for force in self.dead)))
-        free = self.Q @ (torque + pulled_back(R, push))
+        free = self.Q @ (torque + pulled_back(R, push)) + known[9] * self.along
         made = [*(c for row in R for c in cross(row, W)), *(free - self.Q @ (dJ @ free)), *rates]
         values = np.stack([np.broadcast_to(plain(one), t.shape) for one in made], axis=1)
         return values, derivatives_of_columns(made, count, len(t))
@@ -221,7 +222,10 @@ class RememberingSteps:
         rotor = np.zeros((n * s, 6))
         if self.load.rotors:
             rotor = at_nodes(self.load, problem.times(k), problem.times(k + 1), h, self.c, 1.0)
-        given = np.concatenate([moving - rotor[:, 3:], space, rotor[:, :3]], axis=1)
+        spin = (
+            np.zeros(n) if self.spin is None else np.diff(self.spin.at(problem.times(np.arange(first, last + 1)))) / h
+        )
+        given = np.concatenate([moving - rotor[:, 3:], space, rotor[:, :3], np.repeat(spin, s)[:, None]], axis=1)
         R, z = attitudes(states.quaternion[ends]), states.internal
         assert z is not None
         known = np.concatenate([R.reshape(-1, ATTITUDE), states.velocity[ends], z[ends][:, self.columns]], axis=1)

@@ -22,11 +22,11 @@ import re
 import warnings
 import zlib
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from io import BytesIO
 from math import prod
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO, TextIO
+from typing import Any, BinaryIO, TextIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,12 +34,10 @@ from numpy.typing import NDArray
 from ..analysis.datasets import as_dataset
 from ..analysis.variables import assembled
 from ..errors import InputWarning, ResultFileError, callers_level, warn
+from ..geometry.arrays import DataArray, Dataset
 from ..geometry.attitudes import euler_angles
 from ..geometry.values import as_path
 from .whole import atomic_file, require_regular, reserved_path
-
-if TYPE_CHECKING:
-    import xarray
 
 ROWS = 2**13  # formatted at a time
 WORDS = {"title", "message", "warning", "run_file"}  # of attributes: they may look like JSON
@@ -47,7 +45,7 @@ STATES, INTERVALS, EVENTS, MEMBERS = "time", "midtime", "event", "member"
 Columns = dict[str, NDArray[Any]]
 
 
-def columns(run: xarray.Dataset, along: str) -> Columns:
+def columns(run: Dataset, along: str) -> Columns:
     """Return the columns along the dimension `along`, such as "time", by header; that coordinate, or names, first."""
     names = [name for name in run.data_vars if along in run[name].dims]
     first = {"event_name": run["event_name"].values.astype(np.str_)} if along == EVENTS and EVENTS in run.dims else {}
@@ -58,17 +56,17 @@ def columns(run: xarray.Dataset, along: str) -> Columns:
     }
 
 
-def _all_columns(run: xarray.Dataset) -> Columns:
+def _all_columns(run: Dataset) -> Columns:
     """Return the columns of states, intervals and events, or of members."""
     return {**columns(run, _lines(run)), **columns(run, INTERVALS), **columns(run, EVENTS)}
 
 
-def _lines(run: xarray.Dataset) -> str:
+def _lines(run: Dataset) -> str:
     """Return along what a table has its lines: of a sweep along its members, of events alone along them."""
     return next((along for along in (STATES, MEMBERS) if along in run.dims), EVENTS)
 
 
-def _of_variable(variable: xarray.DataArray, along: str) -> Iterable[tuple[str, NDArray[Any]]]:
+def _of_variable(variable: DataArray, along: str) -> Iterable[tuple[str, NDArray[Any]]]:
     variable = variable.transpose(along, ...)
     labels = [[str(label) for label in variable[dim].values] for dim in variable.dims[1:]]
     unit = variable.attrs.get("units", "1")
@@ -78,7 +76,7 @@ def _of_variable(variable: xarray.DataArray, along: str) -> Iterable[tuple[str, 
         yield "_".join([str(variable.name), *label]) + suffix, flat[:, k]
 
 
-def in_degrees(run: xarray.Dataset) -> xarray.Dataset:
+def in_degrees(run: Dataset) -> Dataset:
     """Return a run or a sweep with angles, their rates and their units in degrees; the attributes stay as they are.
 
     Derivatives by parameters stay as well: their units are those of the parameters, too.
@@ -92,7 +90,7 @@ def in_degrees(run: xarray.Dataset) -> xarray.Dataset:
     return turned
 
 
-def with_euler(run: xarray.Dataset, letters: str) -> xarray.Dataset:
+def with_euler(run: Dataset, letters: str) -> Dataset:
     """Return a run or a sweep with Euler angles and their rates beside its variables; InputWarning in gimbal lock."""
     p, W = run["quaternion"], run["material_angular_velocity"]
     along, shape = p.dims[:-1], p.shape[:-1]
@@ -109,7 +107,7 @@ def with_euler(run: xarray.Dataset, letters: str) -> xarray.Dataset:
     ).assign_coords(angle=[1, 2, 3])
 
 
-def write_csv(run: xarray.Dataset, stream: TextIO, *, decimal_comma: bool = False) -> None:
+def write_csv(run: Dataset, stream: TextIO, *, decimal_comma: bool = False) -> None:
     """Write a line for each stored state, or member of a sweep, or event where the run has columns of events alone.
 
     Columns of intervals belong to the state that ends them: the first is empty. Numbers have as many digits as
@@ -128,38 +126,37 @@ def write_csv(run: xarray.Dataset, stream: TextIO, *, decimal_comma: bool = Fals
         table.to_csv(stream, index=False, header=not first, lineterminator="\n", **marks)
 
 
-def write_npz(run: xarray.Dataset, file: Any) -> None:
+def write_npz(run: Dataset, file: Any) -> None:
     """Write an array for each column, and the record of the run as the string `record` (JSON)."""
     arrays: dict[str, Any] = _all_columns(run)
     np.savez(file, record=np.array(json.dumps(record(run), ensure_ascii=False)), **arrays)
 
 
-def write_json(run: xarray.Dataset, stream: TextIO) -> None:
+def write_json(run: Dataset, stream: TextIO) -> None:
     """Write an object: ``record``, and ``columns`` with a list of numbers each; what is not finite is null."""
     found = _all_columns(run)
     stream.write('{"record": ' + json.dumps(record(run), ensure_ascii=False) + ', "columns": {')
     for k, (header, values) in enumerate(found.items()):
-        numbers = finite(values.tolist())
-        stream.write((", " if k else "") + json.dumps(header) + ": " + json.dumps(numbers, allow_nan=False))
+        stream.write((", " if k else "") + json.dumps(header) + ": " + json.dumps(finite(values), allow_nan=False))
     stream.write("}}\n")
 
 
-def record(run: xarray.Dataset) -> dict[str, Any]:
+def record(run: Dataset) -> dict[str, Any]:
     """Return the attributes of a run as plain data, those in JSON decoded; words of users are none."""
-    return {str(name): value if name in WORDS else _plain(value) for name, value in run.attrs.items()}
+    return {str(name): value if name in WORDS else finite(_of_json(value)) for name, value in run.attrs.items()}
 
 
-def _plain(value: Any) -> Any:
+def _of_json(value: Any) -> Any:
     if isinstance(value, str) and value[:1] in ("{", "["):
-        try:
+        with suppress(ValueError):
             return json.loads(value)
-        except ValueError:
-            return value
-    return finite(value.tolist() if isinstance(value, (np.ndarray, np.generic)) else value)
+    return value
 
 
 def finite(value: Any) -> Any:
-    """Return plain data with None for numbers that are not finite, which JSON does not have."""
+    """Return arrays as lists, and None for numbers that are not finite, which JSON does not have."""
+    if isinstance(value, (np.ndarray, np.generic)):
+        value = value.tolist()
     if isinstance(value, dict):
         return {key: finite(one) for key, one in value.items()}
     if isinstance(value, (list, tuple)):
@@ -213,7 +210,7 @@ UNSEALED = "has no seal: another program, as Dataset.to_netcdf, wrote or changed
 EXPORTED = (".csv", ".npz", ".json")  # what `nontwist export` writes
 
 
-def save_run(run: xarray.Dataset, path: str | os.PathLike[str], *, force: bool = False) -> None:
+def save_run(run: Dataset, path: str | os.PathLike[str], *, force: bool = False) -> None:
     """Write a run, or a result of `twist`, as a NetCDF-4 file sealed with a checksum.
 
     The file appears under its name only once it has been written completely to disk.
@@ -253,7 +250,7 @@ def save_run(run: xarray.Dataset, path: str | os.PathLike[str], *, force: bool =
 
 
 @contextmanager
-def reserved(path: str | os.PathLike[str], *, force: bool = False) -> Iterator[Callable[[xarray.Dataset], None]]:
+def reserved(path: str | os.PathLike[str], *, force: bool = False) -> Iterator[Callable[[Dataset], None]]:
     """Reserve an output file before a long run; errors as in `save_run`, but at once.
 
     Yields
@@ -265,14 +262,14 @@ def reserved(path: str | os.PathLike[str], *, force: bool = False) -> Iterator[C
         yield lambda run: _write(run, place)
 
 
-def _write(run: xarray.Dataset, place: Path) -> None:
+def _write(run: Dataset, place: Path) -> None:
     content = _content(run)
     with atomic_file(place) as file:
         file.write(content)
         file.write(SEAL.format(len(content), zlib.crc32(content)).encode("ascii"))
 
 
-def _content(run: xarray.Dataset) -> memoryview:
+def _content(run: Dataset) -> memoryview:
     """Return the file that ``run.to_netcdf(engine="h5netcdf")`` writes; that would import Dask, in half a second."""
     import h5netcdf
     import h5py
@@ -297,7 +294,7 @@ def _content(run: xarray.Dataset) -> memoryview:
     return content.getbuffer()
 
 
-def open_run(path: str | os.PathLike[str]) -> xarray.Dataset:
+def open_run(path: str | os.PathLike[str]) -> Dataset:
     """Read a run completely, and verify the seal that `save_run` gave it.
 
     A run that ``run.to_netcdf(path)`` wrote has no seal; it is read with a warning. ``xarray.open_dataset(path,
@@ -357,7 +354,7 @@ def open_run(path: str | os.PathLike[str]) -> xarray.Dataset:
     return run
 
 
-def _loaded(file: BinaryIO) -> xarray.Dataset:
+def _loaded(file: BinaryIO) -> Dataset:
     """Return what ``xarray.open_dataset`` reads of a file, loaded, in a third of its time.
 
     To ask of each array whether it is one of Dask's, that would import Dask as well, in half a second.

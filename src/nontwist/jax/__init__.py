@@ -18,7 +18,6 @@ all, as θ in `jax.jacfwd`, is then integrated once. Derivatives of derivatives 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from importlib import import_module
 from typing import Any, Unpack
 
 import numpy as np
@@ -29,6 +28,7 @@ from ..driver.varied import Varied
 from ..geometry.arrays import as_array
 from ..geometry.attitudes import attitudes
 from ..geometry.values import public, short_repr
+from ..machine import library
 from ..models.system import DirectorSystem, as_system
 
 __all__ = ["function"]
@@ -105,7 +105,7 @@ def function(
     >>> [round(float(x), 4) for x in g["principal_inertia"]]
     [-0.0004, 0.0004, -0.0001]
     """
-    require_jax()
+    library("jax", "nontwist.jax needs JAX: pip install 'nontwist[jax]'")
     known = posed("function", system, keywords, OfNodes, store="end")
     if known.step is None:
         raise ValueError("give step=: a JAX function has steps that do not depend on its parameters")
@@ -120,14 +120,6 @@ def function(
         return _run(problem, params)
 
     return run
-
-
-def require_jax() -> None:
-    """Raise an ImportError that says how to install JAX where it is missing."""
-    try:
-        import_module("jax")
-    except ImportError as error:
-        raise ImportError("nontwist.jax needs JAX: pip install 'nontwist[jax]'", name="jax") from error
 
 
 def _run(problem: Varied, params: Mapping[str, Any]) -> dict[str, Any]:

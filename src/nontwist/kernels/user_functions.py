@@ -78,12 +78,13 @@ class Rebound:
         if (unknown := _unknown(x)) is not None:
             return unknown
         if isinstance(x, ModuleType):
-            return Names(x, self) if x.__name__.split(".")[0] in ("numpy", "math") else x
+            return self._object(x) if x.__name__.split(".")[0] in ("numpy", "math") else x
         if isinstance(x, MethodType):
             return MethodType(self(x.__func__), self(x.__self__))
         if isinstance(x, partial):
             return partial(self(x.func), *map(self, x.args), **{name: self(y) for name, y in x.keywords.items()})
-        if callable(x) and not isinstance(x, type) and (isinstance(x, np.ufunc) or _is_of_numpy(x)):
+        is_of_numpy = isinstance(x, np.ufunc) or (getattr(x, "__module__", None) or "").split(".")[0] == "numpy"
+        if callable(x) and not isinstance(x, type) and is_of_numpy:
             return self._object(x) if isinstance(type(x).__call__, FunctionType) else traceable(x)
         if isinstance(x, FunctionType):
             return self._function(x)
@@ -142,16 +143,6 @@ class Rebound:
             return cell
 
 
-class Names:
-    """A module for traced numbers."""
-
-    def __init__(self, module: ModuleType, rebound: Rebound) -> None:
-        self._module, self._rebound = module, rebound
-
-    def __getattr__(self, name: str) -> Any:
-        return self._rebound(getattr(self._module, name))
-
-
 class Unknown:
     """What gives something else at each call, or acts: it is refused when it is used."""
 
@@ -182,10 +173,6 @@ def _unknown(x: Any) -> Unknown | None:
         name = f"{module}.{name}"
     is_of_one = module.split(".")[0] in UNKNOWN or module.startswith("numpy.random")
     return Unknown(name) if is_of_one or hasattr(type(x), "__next__") else None
-
-
-def _is_of_numpy(x: Any) -> bool:
-    return (getattr(x, "__module__", None) or "").split(".")[0] == "numpy"
 
 
 def _names(code: CodeType) -> set[str]:

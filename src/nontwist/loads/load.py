@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..geometry.arrays import Array, as_array, as_floats, as_number
-from ..geometry.values import among, short_repr
+from ..geometry.values import require_among, short_repr
 from ..kernels.vectors import Matrix, first_moment
 from ..machine import cached_property
 from .friction import DryFriction, Sliding, require_distinct_axes
@@ -107,6 +107,9 @@ class Load:
         return Load(tuple(term.scaled(c) for term in self.terms))
 
     __rmul__ = __mul__
+
+    def __truediv__(self, divisor: float) -> Load:
+        return self * (1.0 / float(as_array(divisor, "divisor of a load", ())))
 
     def __neg__(self) -> Load:
         return -1.0 * self
@@ -343,8 +346,7 @@ class Load:
             A function raised, or returned NaN or a wrong shape; the message states the time.
         """
         times = as_array(times, "times", (None,))
-        if not among(kind, ("body", "space")):
-            raise ValueError(f"kind must be 'body' or 'space', got {short_repr(kind)}")
+        require_among(kind, "kind", ("body", "space"))
         total = np.zeros((times.size, 3))
         for term in self.terms:
             if term.kind == kind:

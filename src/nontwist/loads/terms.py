@@ -110,6 +110,9 @@ class Term(ABC):
 
     __rmul__ = __mul__
 
+    def __truediv__(self, divisor: float) -> Load:
+        return self.load / divisor
+
     def __neg__(self) -> Load:
         return -self.load
 
@@ -182,7 +185,8 @@ class Term(ABC):
     @property
     def varying(self) -> list[str]:
         """The names of the fields that are parameters of derivatives."""
-        known = [name for name, (kind, _, spec) in specs(type(self)).items() if _is_varied(kind, spec)]
+        free = ((name, kind, spec) for name, (kind, _, spec) in specs(type(self)).items() if not spec.is_fixed)
+        known = [name for name, kind, spec in free if kind is float or spec.shape]
         if self.in_kernels or self.kind in ("body", "space"):
             return known
         counts = np.cumsum([np.size(getattr(self, name)) for name in known])
@@ -551,10 +555,6 @@ def parameters_of(term: Term) -> dict[str, tuple[list[str], str]]:
             labels = labels_of(spec.shape, size, XYZ if "space" in (term.kind, getattr(term, "frame", "")) else BODY)
         found["values" if name == "forces_of" else name] = labels, in_datasets(spec.unit) or "1"
     return found
-
-
-def _is_varied(kind: Any, spec: Spec) -> bool:
-    return not spec.is_fixed and (kind is float or bool(spec.shape))
 
 
 def _as_data(value: Any) -> Any:

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..geometry.arrays import Array, as_array, as_positive, refuse
+from ..machine import library
 from .system import convected_inertia
 
 Indices = NDArray[np.int64]
@@ -167,10 +168,7 @@ def read_mesh(path: str | os.PathLike[str]) -> tuple[ArrayLike, ArrayLike]:
         raise FileNotFoundError(f"no such file: {path}")
     if not os.path.isfile(path):
         raise OSError(f"{path} is not a regular file (a folder, a FIFO, a device); copy the mesh into a file")
-    try:
-        import trimesh
-    except ImportError as error:
-        raise ImportError("mesh files are read through trimesh, which is not installed: pip install trimesh") from error
+    trimesh = library("trimesh", "mesh files are read through trimesh, which is not installed: pip install trimesh")
     if (unpacked := _unpacked_size(path)) > UNPACKED:
         raise ValueError(
             f"{path} unpacks to more than {UNPACKED / 1e6:g} MB ({unpacked / 1e6:.3g} MB); unpack it, and name the mesh"

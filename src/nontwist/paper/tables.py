@@ -25,7 +25,7 @@ from functools import cache
 from importlib.resources import files
 from pathlib import Path
 from string import Template
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -33,16 +33,13 @@ from .. import plot
 from ..analysis.statistics import second_quotient
 from ..driver.notices import COARSE_STEP
 from ..driver.runs import simulate
+from ..geometry.arrays import Axes, DataArray, Dataset
 from ..geometry.values import among, as_function, as_list, as_path, short_repr
 from ..io.run_files import save_run
 from ..io.whole import require_free, written
 from ..loads import Load, pulse
 from ..models.bodies import nontwisting
 from ..plot.journals import apart
-
-if TYPE_CHECKING:
-    import xarray
-    from matplotlib.axes import Axes
 
 # The three cases of sec-results: one body, t from 0 to 5 s, h = 0.005 s.
 #
@@ -154,7 +151,7 @@ def printed_tables() -> dict[str, Any]:
     return _data("tables.json")
 
 
-def invariants_table(case: int, run: xarray.Dataset) -> Table:
+def invariants_table(case: int, run: Dataset) -> Table:
     """Compare Π1, Π2 and K with tables tab-invariants_ic, tab-invariants_ml, tab-invariants_c."""
     printed, rows = printed_tables(), []
     for t in printed["time"]:
@@ -168,7 +165,7 @@ def invariants_table(case: int, run: xarray.Dataset) -> Table:
     return Table(case, "invariants", "motion invariants (printed digits are truncated: docs/errata.md, 2)", tuple(rows))
 
 
-def quotient_table(case: int, quotient: xarray.DataArray) -> Table:
+def quotient_table(case: int, quotient: DataArray) -> Table:
     """Compare Q_II with tables tab-sqp_ic, tab-sqp_ml, tab-sqp_c."""
     printed, rows = printed_tables(), []
     for t, p in zip(printed["time"], printed[f"case{case}"]["second_quotient"], strict=True):
@@ -306,10 +303,10 @@ def _files(figures: list[str], quick: bool) -> list[str]:
     return [*tables, *(f"{name}{end}" for name in figures for end in (".pdf", ".png", "_data.csv")), *runs]
 
 
-Drawing = tuple["Axes", "dict[str, xarray.DataArray]"]
+Drawing = tuple[Axes, dict[str, DataArray]]
 
 
-def _momenta(run: xarray.Dataset, quotient: xarray.DataArray) -> Drawing:
+def _momenta(run: Dataset, quotient: DataArray) -> Drawing:
     left, right = plot.new_axes(columns=2, panels=2)
     plot.momenta(run, left, frame="space")
     drawn = plot.momenta(run, right, frame="body")
@@ -318,15 +315,15 @@ def _momenta(run: xarray.Dataset, quotient: xarray.DataArray) -> Drawing:
     return drawn, {"time": run["time"], **columns}
 
 
-def _energy(run: xarray.Dataset, quotient: xarray.DataArray) -> Drawing:
+def _energy(run: Dataset, quotient: DataArray) -> Drawing:
     return plot.energy(run), {"time": run["time"], "kinetic_energy": run["kinetic_energy"]}
 
 
-def _quotient(run: xarray.Dataset, quotient: xarray.DataArray) -> Drawing:
+def _quotient(run: Dataset, quotient: DataArray) -> Drawing:
     return plot.second_quotient(quotient), {"time": quotient["time"], "second_quotient": quotient}
 
 
-def _path(run: xarray.Dataset, quotient: xarray.DataArray) -> Drawing:
+def _path(run: Dataset, quotient: DataArray) -> Drawing:
     d3 = run["directors"].sel(director=3)
     columns = {f"d3_{x}": d3.sel(axis=x) for x in "xyz"}
     return plot.path(run, great_circle=True), {"time": run["time"], **columns}
@@ -336,7 +333,7 @@ def _path(run: xarray.Dataset, quotient: xarray.DataArray) -> Drawing:
 #   fig-angular-momentum-ic    fig-angular-momentum-ml    fig-angular-momentum-c
 #   fig-energy-precision-ic    fig-energy-precision-ml    fig-energy-precision-c
 #   fig-trajectory-ic          fig-trajectory-ml          fig-trajectory-c
-FIGURES: dict[str, tuple[Callable[[xarray.Dataset, xarray.DataArray], Drawing], str]] = {
+FIGURES: dict[str, tuple[Callable[[Dataset, DataArray], Drawing], str]] = {
     "momenta": (_momenta, "Angular momentum over time: a along fixed axes, b along the directors."),
     "energy": (_energy, "Kinetic energy over time."),
     "second_quotient": (_quotient, "Second quotient of precision over time; the line is its limit 4."),
@@ -348,7 +345,7 @@ SUFFIX = {1: "ic", 2: "ml", 3: "c"}  # of the paper's labels
 HEADS = ("t (s)", "quantity", "printed", "computed", "difference", "")
 
 
-def _save(drawn: Axes, path: Path, columns: dict[str, xarray.DataArray], force: bool) -> None:
+def _save(drawn: Axes, path: Path, columns: dict[str, DataArray], force: bool) -> None:
     """Write a figure as PDF and PNG, and the numbers it shows as CSV."""
     plot.save(drawn, path.with_suffix(".pdf"), path.with_suffix(".png"), force=force)
     header, table = ",".join(columns), np.column_stack([column.values for column in columns.values()])

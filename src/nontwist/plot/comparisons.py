@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 
 from ..analysis.datasets import as_dataset
-from ..geometry.values import among, short_repr
+from ..geometry.arrays import Axes, Dataset
+from ..geometry.values import require_among
 from ..integrators import INTEGRATORS
 from .journals import axes_for, style
 from .looks import COLOURS, Look, cycle, given_look, shade
-
-if TYPE_CHECKING:
-    import xarray
-    from matplotlib.axes import Axes
 
 NUMBERS = ("attitude_error_max", "attitude_reference_error", "run_time", "takes_steps", "order", "step")
 SIZE = 3.5
@@ -22,7 +19,7 @@ MARKERS = {0: "D", 2: "o", 4: "s", 6: "^", 8: "*"}
 
 
 def work_precision(
-    comparison: xarray.Dataset,
+    comparison: Dataset,
     ax: Axes | None = None,
     *,
     against: Literal["seconds", "steps"] = "seconds",
@@ -72,8 +69,7 @@ def work_precision(
     from matplotlib.lines import Line2D
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
-    if not among(against, ("seconds", "steps")):
-        raise ValueError(f"against must be 'seconds' or 'steps', got {short_repr(against)}")
+    require_among(against, "against", ("seconds", "steps"))
     as_dataset(comparison, "a comparison of nontwist.compare", NUMBERS, (), ("method", "family", "integrator"))
     given, bar = given_look(properties, "work_precision"), float(comparison["attitude_reference_error"])
     with style():
@@ -113,7 +109,7 @@ def work_precision(
     return ax
 
 
-def _name_levels(ax: Axes, runs: xarray.Dataset, least: float) -> None:
+def _name_levels(ax: Axes, runs: Dataset, least: float) -> None:
     """Put their names on the horizontal lines of integrators without steps, at the smallest step."""
     look: dict[str, Any] = {"fontsize": "x-small", "color": shade("0.3"), "textcoords": "offset points", "zorder": 1}
     step = float(runs["step"].min())
@@ -132,7 +128,7 @@ def _marker(order: int) -> str:
     return MARKERS.get(order, f"${order}$")
 
 
-def _curve(runs: xarray.Dataset, against: str) -> tuple[Any, Any]:
+def _curve(runs: Dataset, against: str) -> tuple[Any, Any]:
     """Return milliseconds or steps, and errors, of the completed runs, by steps or by tolerances.
 
     Over the steps each tolerance is a horizontal line, which ends in a gap.

@@ -5,20 +5,15 @@ Drifts of invariants and measured orders: energy balance, orthonormality, second
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 
 from ..analysis.invariants import work_of
-from ..geometry.arrays import Array
-from ..geometry.values import among, as_whole, short_repr
-from .looks import labelled, symbol, unit, variable
+from ..geometry.arrays import Array, Axes
+from ..geometry.values import as_whole, require_among
+from .looks import Look, Quotients, Runs, labelled, symbol, unit, variable
 from .timelines import Curves, over_time
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
-    from .looks import Look, Quotients, Runs
 
 _VISIBLE = 0.2  # of an axis: changes of an energy that are seen at once
 _ROUND_OFF = 1e-12  # of the same: a body at rest
@@ -65,8 +60,7 @@ def momenta(
     [18.0, -72.0, 0.0]
     >>> plot.save(ax, "momenta.pdf", "momenta.png")
     """
-    if not among(frame, ("space", "body")):
-        raise ValueError(f"frame must be 'space' or 'body', got {short_repr(frame)}")
+    require_among(frame, "frame", ("space", "body"))
     name, dim = ("spatial_momentum", "axis") if frame == "space" else ("material_momentum", "director")
 
     def curves(run: Any, label: str) -> dict[str, Any]:
@@ -108,8 +102,7 @@ def directors(runs: Runs, ax: Axes | None = None, *, director: int = 3, **proper
     >>> [line.get_label() for line in plot.directors(run, director=1).lines]
     ['$d_{1x}$', '$d_{1y}$', '$d_{1z}$']
     """
-    if not among(director, (1, 2, 3)):
-        raise ValueError(f"director must be 1, 2 or 3, got {short_repr(director)}")
+    require_among(director, "director", (1, 2, 3))
 
     def curves(run: Any, label: str) -> dict[str, Any]:
         d = variable(run, label, "directors").sel(director=director)

@@ -20,13 +20,12 @@ from pathlib import Path
 from threading import RLock
 from typing import TYPE_CHECKING, Any, cast
 
-from ..geometry.arrays import as_positive
+from ..geometry.arrays import Axes, as_positive
 from ..geometry.values import among, as_path, as_whole, short_repr
 from ..io.whole import require_free, written
 from .looks import property_cycle
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure, SubFigure
 
 SANS = {

@@ -12,15 +12,13 @@ from __future__ import annotations
 import itertools
 import re
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from ..analysis.datasets import RUN, as_dataset
+from ..geometry.arrays import Axes, DataArray, Dataset
 from ..viewer.drawing import colours
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 Look = dict[str, Any]
 CURVES = ("d1", "d2", "d3", "twist")  # the names of the colours
@@ -211,11 +209,8 @@ def _available_width(ax: Axes) -> float:
 # Labels of axes and curves: runs with their labels, symbols and units from the attributes of the data.
 
 
-if TYPE_CHECKING:
-    import xarray
-
-    Runs = xarray.Dataset | Mapping[str, xarray.Dataset]
-    Quotients = xarray.DataArray | Mapping[str, xarray.DataArray]
+Runs = Dataset | Mapping[str, Dataset]
+Quotients = DataArray | Mapping[str, DataArray]
 
 _LINE = 32  # characters along an axis 2 in long
 

@@ -24,8 +24,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..geometry.arrays import Array, arcs, as_number
-from ..geometry.values import among, as_whole, short_repr
+from ..geometry.arrays import Array, Axes, arcs, as_number
+from ..geometry.values import as_whole, require_among
 from ..loads.kinds import load_of
 from ..models.system import DirectorSystem
 from ..viewer.drawing import Camera, circle_about, graticule
@@ -33,8 +33,6 @@ from .journals import axes_for, column_width, style
 from .looks import COLOURS, Look, cycle, given_look, handle, labelled, legend, looks, pale, shade, shaded, variable
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
     from .looks import Runs
 
 ELEVATION, AZIMUTH = 25.0, 35.0  # degrees
@@ -225,8 +223,7 @@ def path(
     array([3.5, 3.5])
     >>> plot.save(ax, "path.pdf")
     """
-    if not among(director, (1, 2, 3)):
-        raise ValueError(f"director must be 1, 2 or 3, got {short_repr(director)}")
+    require_among(director, "director", (1, 2, 3))
     triads = as_whole(triads, "triads", 0, MOST_TRIADS)
     given, runs = given_look(properties, "path"), labelled(runs)
     table = {label: _directors(run, label) for label, run in runs.items()}
@@ -374,7 +371,8 @@ def polhode(
         screen, towards = V @ body, V[2] @ (P * np.sqrt(J))  # y lies on the near side where y·towards >= 0
         feet, outline = np.sqrt(J[0] / np.einsum("ki,i,ki->k", P, J, P)), circle_about(towards) @ screen.T
         edges = extent(V, feet, outline[:, :2])
-        ax = axes_for(ax, _height(edges))
+        left, right, below, above = edges
+        ax = axes_for(ax, float(column_width() * (above - below) / (right - left)) + _LEGEND)
         bare(ax, edges)
         _surface(ax, J, screen, towards)
         constrained = [system.axis for system in systems.values() if system.axis is not None]
@@ -391,12 +389,6 @@ def polhode(
         guides |= {r"$W\cdot n=0$": shaded(_CONSTRAINED)} if constrained else {}
         legend_of_ends(ax, list(table), guides, own)
     return ax
-
-
-def _height(edges: Array) -> float:
-    """Return the height of a figure one column wide that these edges fill, with its legend, in."""
-    left, right, below, above = edges
-    return float(column_width() * (above - below) / (right - left)) + _LEGEND
 
 
 def _common_inertia(systems: dict[str, DirectorSystem]) -> Array:

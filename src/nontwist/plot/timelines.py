@@ -4,21 +4,17 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from ..errors import warn
-from ..geometry.arrays import Array
+from ..geometry.arrays import Array, Axes
+from ..geometry.attitudes import turns
 from ..recordings.twisting import twist
-from ..viewer.content import FAR, extremes, turns_between
+from ..viewer.content import FAR, extremes
 from .journals import axes_for, style
-from .looks import Look, axis_label, explain, given_look, labelled, looks, pale, symbol, unit, variable
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
-    from .looks import Runs
+from .looks import Look, Runs, axis_label, explain, given_look, labelled, looks, pale, symbol, unit, variable
 
 Curves = Callable[[Any, str], dict[str, Any]]
 MOST = 4000  # points of a curve; more cannot be seen
@@ -79,7 +75,7 @@ def _warn_of_polygons(runs: dict[str, Any]) -> None:
         if "system" not in run.attrs or "quaternion" not in run or not 1 < run.sizes["time"] < _FEW:
             continue
         p = variable(run, label, "quaternion").transpose("time", ...).values
-        turn = float(turns_between(p).max())
+        turn = float(turns(p[:-1], p[1:]).max())
         if turn > FAR:
             warn(
                 f"the run {label + ' ' if label else ''}has {len(p)} states, between which the body turns by up to "

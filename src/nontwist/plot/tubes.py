@@ -3,20 +3,17 @@
 from __future__ import annotations
 
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..curves import curve_report
-from ..geometry.arrays import Array, as_array, as_positive, norm
+from ..geometry.arrays import Array, Axes, as_array, as_positive, norm
 from ..geometry.linking import polygon, ribbon_twist
 from .journals import axes_for, style
 from .looks import Look, cycle, given_look
 from .spheres import view
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 SIDES, STRIPES = 24, 4
 _WIDE = 0.06  # of the size of the curve

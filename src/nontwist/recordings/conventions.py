@@ -24,22 +24,19 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError, InputWarning, warn
-from ..geometry.arrays import Array
+from ..geometry.arrays import Array, Rotation
 from ..geometry.attitudes import quaternion_product
 from ..geometry.values import counted
 from ..units import RATE, TIME
 from .headers import ACCELEROMETER, rate_unit, sensors
 from .headers import GYROSCOPE as GYROSCOPES
 from .table import Table
-
-if TYPE_CHECKING:
-    from scipy.spatial.transform import Rotation
 
 FEWEST, MOST, BLOCKS = 10, 20_000, 20  # rows that tell anything, and that are compared, in blocks
 TURNS = 0.3  # rad by which a body must turn in all for a contradiction
@@ -119,7 +116,7 @@ class Evidence:
         The turns are at most half a turn, or more by the whole turns that are lost between attitudes by the gyroscope,
         where these bring most of them close to what it measured; by a wrong unit they would not.
         """
-        good = known(quat, self.beside[what], self.time[:, None])
+        good = finite_rows(quat, self.beside[what], self.time[:, None])
         q, rates, near = quat[good], self.beside[what][good], np.diff(self.places[good]) == 1
         q = q * CONJUGATE if what == SPIN else q
         q = quaternion_product(q[:-1] * CONJUGATE, q[1:])[near]
@@ -137,7 +134,7 @@ class Evidence:
 
     def agreement(self, what: str, quat: Array) -> tuple[float, float]:
         """Return how well attitudes agree with what is beside them, 1 at best; with rates, also in direction alone."""
-        good = known(quat, self.beside[what])
+        good = finite_rows(quat, self.beside[what])
         if good.size < FEWEST:
             return np.nan, np.nan
         if what in (GYROSCOPE, SPIN):
@@ -160,7 +157,7 @@ def as_turns(values: Array) -> Rotation:
     return Rotation.from_quat(values) if values.shape[-1] == 4 else Rotation.from_matrix(values)
 
 
-def known(*arrays: Array) -> NDArray[np.int64]:
+def finite_rows(*arrays: Array) -> NDArray[np.int64]:
     """Return the rows in which all numbers are finite."""
     return np.flatnonzero(np.isfinite(np.hstack(arrays)).all(axis=1))
 
@@ -249,7 +246,7 @@ def settled(readings: Sequence[Reading], given: Evidence) -> tuple[Reading | Non
 
 def _turns(quat: Array) -> bool:
     """Whether the body turns by more than noise would."""
-    quat = quat[known(quat)]
+    quat = quat[finite_rows(quat)]
     dots = abs((quat[1:] * quat[:1]).sum(axis=1)) / np.maximum(np.linalg.norm(quat[1:], axis=1), 1e-300)
     return bool(dots.min(initial=1.0) < np.cos(TURNS / 2))
 

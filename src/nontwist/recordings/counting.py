@@ -3,22 +3,19 @@
 from __future__ import annotations
 
 import struct
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..geometry import arrays
-from ..geometry.arrays import Array, as_array
-from ..geometry.frames import triad_about
+from ..geometry.arrays import Array, Rotation, as_array
+from ..geometry.frames import as_order, triad_about
 from ..geometry.path_kernels import SIZE, count
-from ..geometry.values import among, short_repr
+from ..geometry.values import require_among
 from .motions import as_rotation, raw_motion
 from .options import ReadOptions
 from .orientations import MEASURED
-
-if TYPE_CHECKING:
-    from scipy.spatial.transform import Rotation
 
 _GIVEN, _FOUND = struct.Struct("=5d"), struct.Struct("=2d")
 _new: Any = tuple.__new__  # of a named tuple, in two thirds of the time
@@ -28,8 +25,7 @@ _FOUND_AT = 40  # bytes of a quaternion and a time before what is found
 def as_direction(axis: ArrayLike | str, axis_frame: str) -> tuple[Array, float]:
     """Return an axis as a unit vector, and the sign of a twist about it: -1 where it is fixed in space."""
     n = arrays.as_direction(axis, "axis", "the body or in space")
-    if not among(axis_frame, ("body", "space")):
-        raise ValueError(f"axis_frame must be 'body' or 'space', got {short_repr(axis_frame)}")
+    require_among(axis_frame, "axis_frame", ("body", "space"))
     return n, 1.0 if axis_frame == "body" else -1.0
 
 
@@ -105,10 +101,8 @@ class TwistCounter:
         scalar_first: bool | None = None,
     ) -> None:
         n, self._sign = as_direction(axis, axis_frame)
-        if not among(order, (2, 4)):
-            raise ValueError(f"order must be 2 or 4, got {short_repr(order)}")
         ReadOptions(scalar_first=scalar_first)
-        self._order, self._scalar_first, self._triad = int(order), scalar_first, triad_about(n)
+        self._order, self._scalar_first, self._triad = as_order(order), scalar_first, triad_about(n)
         self.reset()
 
     def reset(self) -> None:

@@ -9,22 +9,19 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from os import PathLike
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError, InputWarning, Option
-from ..geometry.arrays import Array, as_floats, in_order
+from ..geometry.arrays import Array, Rotation, as_floats, in_order
 from ..geometry.values import counted
 from .conventions import as_turns
 from .options import ReadOptions
 from .orientations import MEASURED, Motion, of_table
 from .table import Lines, of_frame, place
 from .times import seconds
-
-if TYPE_CHECKING:
-    from scipy.spatial.transform import Rotation
 
 EXACT = 1e-9  # accepted departure from orthonormality
 GAP = 5.0  # times the median interval
@@ -220,15 +217,11 @@ def samples(*motions: Motion) -> list[Samples]:
     t, lines = motions[0].time, motions[0].lines
     if any(lines is not None and one.lines is not None and not np.array_equal(one.lines, lines) for one in motions):
         lines = None
-    good = np.all([_is_there(one.values) for one in motions], axis=0)
+    flats = [one.values.reshape(len(one.values), math.prod(one.values.shape[1:])) for one in motions]
+    good = np.all([np.isfinite(flat).all(axis=1) & flat.any(axis=1) for flat in flats], axis=0)
     rows, notes = kept_rows(t, good, lines, "missing-rows", "a twist", 2)
     kept, left_out = None if t is None else t[rows], len(good) - rows.size
     return [Samples(measured_quaternions(one, rows), kept, rows, left_out, notes, lines=lines) for one in motions]
-
-
-def _is_there(values: Array) -> NDArray[np.bool_]:
-    flat = values.reshape(len(values), math.prod(values.shape[1:]))
-    return np.asarray(np.isfinite(flat).all(axis=1) & flat.any(axis=1))
 
 
 def kept_rows(

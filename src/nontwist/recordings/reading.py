@@ -6,14 +6,14 @@ import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..analysis.variables import Described, assembled, labelled
 from ..errors import InputError, InputWarning
-from ..geometry.arrays import Array, as_floats, in_order
+from ..geometry.arrays import Array, DataArray, as_floats, in_order
 from ..geometry.values import short_repr
 from ..io.run_files import open_run
 from ..io.whole import require_regular
@@ -30,9 +30,6 @@ from .table import Content, Lines, Table, listed, named_columns, of_frame, of_on
 from .text import read_text
 from .times import clock
 
-if TYPE_CHECKING:
-    import xarray
-
 BINARY = {".npy", ".npz", ".mat", ".c3d", ".bag", ".mcap", ".db3", ".nc", ".nc4", ".h5"}
 SHARE = 0.5  # of the free memory that a file may have
 FASTEST = 80.0  # rad/s, 4600 °/s: more than common gyroscopes measure
@@ -42,7 +39,7 @@ COLUMNS = ("time", "rates", "acceleration", "speed", "quaternions")
 
 
 @takes(ReadOptions)
-def read_motion(source: Any, columns: Sequence[str] | None = None, **options: Any) -> xarray.DataArray:
+def read_motion(source: Any, columns: Sequence[str] | None = None, **options: Any) -> DataArray:
     r"""Read a recorded motion from a file, as input of `twist` and `rotation`.
 
     Parameters
@@ -134,7 +131,7 @@ def read_content(source: Any, how: ReadOptions) -> Content:
     return content
 
 
-def _array(motion: Motion) -> xarray.DataArray:
+def _array(motion: Motion) -> DataArray:
     values, time, lines, start = motion.values, motion.time, motion.lines, motion.start
     is_quaternion, along = values.shape[-1] == 4, "sample" if time is None else "time"
     dims = (along, "quat") if is_quaternion else (along, "director", "axis")

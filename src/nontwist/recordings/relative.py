@@ -54,19 +54,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError, InputWarning, Option
-from ..geometry.arrays import Array, sum_of_squares
+from ..geometry.arrays import Array, Rotation, sum_of_squares
 from ..geometry.values import counted, number_text
 from .motions import GAP, Samples, samples
 from .orientations import Motion
-
-if TYPE_CHECKING:
-    from scipy.spatial.transform import Rotation
 
 STILL = 1.0  # s, of the pose that is looked for
 FEWEST = 5  # samples of it

@@ -297,7 +297,9 @@ def read_times(table: Table, name: str, unit: str | None) -> Clock:
     stated = name if known(name, TIME) else stated
     is_date = values.dtype.kind in "mM"
     is_text = values.dtype.kind in "OUST" and next((number(v) is None for v in values.tolist() if v is not None), True)
-    scale = _scale(stated if unit is None else unit)
+    meant = stated if unit is None else unit
+    seconds = TIME.get(known(meant, TIME) or "", number(meant))  # none of what a header has else in brackets
+    scale = seconds if seconds is not None and 0 < seconds < np.inf else None
     if unit and scale is None:
         raise InputError("time-unit", unit=unit, name=name, units=", ".join(TIME))
     if is_date or is_text:
@@ -331,12 +333,6 @@ def read_times(table: Table, name: str, unit: str | None) -> Clock:
         return Clock(ahead * scale, start, (f"time: column {name!r}, {date or f'{symbol} since 1970'}{over}",))
     how = "" if has_unit else ", as nothing else is stated"
     return Clock(ticks * scale, None, (f"time: column {name!r}, {symbol}{how}{over}",), has_unit)
-
-
-def _scale(unit: str | None) -> float | None:
-    """Return the seconds of a unit; None where there is none, or its header has something else in brackets."""
-    seconds = TIME.get(known(unit, TIME) or "", number(unit))
-    return seconds if seconds is not None and 0 < seconds < np.inf else None
 
 
 def _is_date(first: float, step: float, scale: float, zero: float) -> bool:

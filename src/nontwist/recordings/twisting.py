@@ -33,7 +33,7 @@ For an axis fixed in space the twist is ∫ w·n dt: minus the twist of the inve
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -42,7 +42,8 @@ from ..analysis.datasets import RUN, as_dataset, recorded
 from ..analysis.trajectory import FORMAT_VERSION, Trajectory
 from ..analysis.variables import assembled, labelled
 from ..errors import warn
-from ..geometry.arrays import EPS, Array, arcs, as_array, as_floats, principal_angle
+from ..geometry.arrays import EPS, Array, Dataset, arcs, as_array, as_floats, dot, principal_angle
+from ..geometry.attitudes import turns
 from ..geometry.frame_kernels import transport_samples
 from ..geometry.frames import estimates, rolls, triad_about
 from ..geometry.path_kernels import angles, body_axes
@@ -51,9 +52,6 @@ from .counting import as_direction
 from .motions import GAP, Samples, given_motion
 from .relative import CLOCKS, relative_motion
 from .twist_noise import noise_level, noise_of_rounding, noise_of_twist, rounding
-
-if TYPE_CHECKING:
-    import xarray
 
 NEAR = 8  # steps beside a gap that show how fast a body turns
 JUMP, SEEN = 5.0, 0.05  # times the steps around; rad
@@ -77,7 +75,7 @@ def twist(
     static: tuple[float, float] | None = None,
     scalar_first: bool | None = None,
     order: int = 4,
-) -> xarray.Dataset:
+) -> Dataset:
     """Return the twist of a motion about an axis, with an error estimate.
 
     Parameters
@@ -194,9 +192,10 @@ def twist(
     counted_twist = _counted(motion, data.rows.size, n) if is_run and axis_frame == "body" else None
     length, turn = _steps(p, d3, data, _speeds(motion) if is_run else None, counted_twist is None)
     swing, frame, psi = _swing_twist(p, n), _frame(d3, d1[0], order), np.empty(len(d3))
-    lead = _lead(d3, frame)
+    flat = _frame(d3, frame[0, 0], 2)  # along great circles
+    lead = np.arctan2(dot(frame[:, 0], flat[:, 1]), dot(frame[:, 0], flat[:, 0]))
     angles(d1, frame, psi)
-    del p, d1
+    del p, d1, flat
     if counted_twist is not None:
         back, psi = psi - counted_twist[0], counted_twist[0]
         c, s = np.cos(back)[:, None], np.sin(back)[:, None]
@@ -285,16 +284,6 @@ def _frame(d3: Array, d1: Array, order: int) -> Array:
     return np.asarray(frame[0])
 
 
-def _lead(d3: Array, frame: Array) -> Array:
-    """Return the angle from the frame that is transported along great circles, of order 2, to `frame`."""
-    flat = _frame(d3, frame[0, 0], 2)
-    return np.asarray(np.arctan2(_dot(frame[:, 0], flat[:, 1]), _dot(frame[:, 0], flat[:, 0])))
-
-
-def _dot(a: Array, b: Array) -> Array:
-    return np.asarray(np.einsum("ki,ki->k", a, b))
-
-
 def _speeds(motion: Any) -> Array | None:
     """Return the angular speeds at the states of a run, rad/s; None of what is no run."""
     W: Any = getattr(motion, "material_angular_velocity", None)
@@ -315,7 +304,7 @@ def _steps(p: Array, d3: Array, data: Samples, speeds: Array | None, is_sampled:
     if flat.size:
         a, b = data.place(flat[0]), data.place(flat[0] + 1)
         raise ValueError(f"the axis turns by half a turn from {a} to {b}: the shortest path between them is not unique")
-    turn = _between(p[:-1], p[1:])
+    turn = turns(p[:-1], p[1:])
     if data.time is not None:
         h = np.diff(data.time)
         if speeds is None:
@@ -335,18 +324,12 @@ def _steps(p: Array, d3: Array, data: Samples, speeds: Array | None, is_sampled:
     return angle, turn
 
 
-def _between(p: Array, q: Array) -> Array:
-    """Return the angles between attitudes."""
-    near = np.where(_dot(p, q) < 0, -1.0, 1.0)[:, None]
-    return np.asarray(4 * np.arcsin(np.minimum(np.linalg.norm(q - near * p, axis=1) / 2, 1.0)))
-
-
 def _around_gaps(p: Array, h: Array) -> Array:
     """Return by how much a body turns in gaps of the samples at the speed around them: of `NEAR` steps, the lower."""
     least, k, t = np.zeros_like(h), np.flatnonzero(h > GAP * np.median(h)), np.append(0.0, np.cumsum(h))
     sides = (np.maximum(k - NEAR, 0), k), (k + 1, np.minimum(k + 1 + NEAR, len(h)))
     nothing = np.full(len(k), np.inf)
-    before, after = (np.divide(_between(p[i], p[j]), t[j] - t[i], out=nothing.copy(), where=i < j) for i, j in sides)
+    before, after = (np.divide(turns(p[i], p[j]), t[j] - t[i], out=nothing.copy(), where=i < j) for i, j in sides)
     slower = np.minimum(before, after)
     least[k] = np.where(slower < np.inf, slower, 0.0) * h[k]
     return least
@@ -390,8 +373,8 @@ def _closed(d3: Array, lead: Array, tau: Array, psi: Array) -> tuple[Array, Arra
     clear = length > _LOST
     last = np.maximum.accumulate(np.where(clear, np.arange(len(p)), 0))[:-1]
     b, c = p[last], p[1:]
-    triple, dot = np.cross(b, c - b) @ a, _dot(b, c)
-    lune = 2 * np.arctan2(triple, dot - np.where(clear[:-1], 0.0, (b @ a) * (c @ a)))
+    triple, along = np.cross(b, c - b) @ a, dot(b, c)
+    lune = 2 * np.arctan2(triple, along - np.where(clear[:-1], 0.0, (b @ a) * (c @ a)))
     lune[~clear[1:]] = 0.0
     straight = lune < -2 * np.pi + 2 * _LOST * (1 / length[last] + 1 / np.maximum(length[1:], _LOST))
     lune[straight] += 4 * np.pi

@@ -6,13 +6,13 @@ import math
 from collections.abc import Callable
 from dataclasses import MISSING, fields
 from functools import cache
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, get_type_hints
+from typing import Annotated, Any, ClassVar, Literal, get_type_hints
 
 import numpy as np
 from pydantic import Field, create_model
 
 from ..driver.named_events import NamedEvent, axis_crosses, spin_below
-from ..geometry.arrays import AXES
+from ..geometry.arrays import AXES, Rotation
 from ..integrators import DEFAULT, INTEGRATORS
 from ..integrators import Integrator as Scheme
 from ..integrators.ivp import FIT
@@ -20,9 +20,6 @@ from ..recordings.motions import rotation
 from ..units import RATE
 from .files import Folder, Table
 from .section import AN_AXIS, BY_FORM, Axis, Matrix, OneOf, Positive, Section, Vector, entry
-
-if TYPE_CHECKING:
-    from scipy.spatial.transform import Rotation
 
 # The table `[start]`: attitude and angular velocity at t_start.
 #

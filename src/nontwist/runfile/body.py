@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from functools import cache
 from inspect import signature
 from typing import Annotated, Any, ClassVar, Literal
@@ -13,6 +13,7 @@ from pydantic import Field, GetJsonSchemaHandler, create_model
 from pydantic_core import CoreSchema, core_schema
 
 from ..geometry.arrays import AXES, Array
+from ..geometry.values import MadeByName
 from ..models.bodies import BODIES, KEYS, with_gravity
 from ..models.mesh import MassProperties, of_mesh
 from ..models.solids import of_cuboid, of_cylinder, of_ellipsoid, of_points, shift
@@ -237,21 +238,6 @@ class Body(Section):
         return with_gravity(system, **{name: given[name] for name in WEIGHT})
 
 
-class Tables(Mapping[str, type[Body]]):
-    """The tables of kinds of bodies that have keys of their own."""
-
-    def __iter__(self) -> Iterator[str]:
-        return (name for name, kind in BODIES.items() if kind.own or "inertia" not in kind.takes)
-
-    def __len__(self) -> int:
-        return len(list(iter(self)))
-
-    def __getitem__(self, name: str) -> type[Body]:
-        if name not in [*self]:
-            raise KeyError(name)
-        return table_of(name, BODIES[name].make)
-
-
 @cache
 def table_of(name: str, make: Callable[..., DirectorSystem]) -> type[Body]:
     """Return the table of a kind of body whose function has parameters of its own, or no inertia."""
@@ -264,21 +250,27 @@ def table_of(name: str, make: Callable[..., DirectorSystem]) -> type[Body]:
     return made
 
 
+TABLES = MadeByName(  # of kinds of bodies that have keys of their own
+    lambda: (name for name, kind in BODIES.items() if kind.own or "inertia" not in kind.takes),
+    lambda name: table_of(name, BODIES[name].make),
+)
+
+
 class OfItsKind:
     """Annotation of a body: of a kind with keys of its own it is the table of that kind."""
 
     def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> CoreSchema:
-        source.kinds = tables = Tables()
+        source.kinds = TABLES
 
         def table(value: Any, other: Callable[[Any], Body]) -> Body:
             kind = value.get("kind") if isinstance(value, dict) else None
-            return tables[kind].model_validate(value) if isinstance(kind, str) and kind in tables else other(value)
+            return TABLES[kind].model_validate(value) if isinstance(kind, str) and kind in TABLES else other(value)
 
         own = core_schema.simple_ser_schema("any")
         return core_schema.no_info_wrap_validator_function(table, handler(source), serialization=own)
 
     def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
-        found = [handler(schema), *(handler(form.__pydantic_core_schema__) for form in Tables().values())]
+        found = [handler(schema), *(handler(form.__pydantic_core_schema__) for form in TABLES.values())]
         return {"anyOf": found} if len(found) > 1 else found[0]
 
 

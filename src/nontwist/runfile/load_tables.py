@@ -6,7 +6,7 @@ time span, numbers in several forms. The schema, the messages, `nontwist check` 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable
 from dataclasses import MISSING
 from functools import cache
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 import numpy as np
 from pydantic import create_model
 
+from ..geometry.values import MadeByName
 from ..loads import LOADS, Load, Term, body_moment, damping, dipole, pulse, rotor, space_moment
 from ..loads.terms import EVER, FRAME, ForceTerm, own_fields
 from ..spec import specs
@@ -212,18 +213,10 @@ def table_of(kind: str, cls: type[Term]) -> type[LoadSection]:
     return made
 
 
-class Tables(Mapping[str, type[LoadSection]]):
-    """The tables by their kinds: those above, and those of the entries of `nontwist.loads.LOADS` that are data."""
-
-    def __iter__(self) -> Iterator[str]:
-        data = [kind for kind, cls in LOADS.items() if own_fields(cls)[0] in specs(cls)]
-        return iter(dict.fromkeys([*MADE, *data]))
-
-    def __len__(self) -> int:
-        return len(list(iter(self)))
-
-    def __getitem__(self, kind: str) -> type[LoadSection]:
-        return MADE[kind] if kind in MADE else table_of(kind, LOADS[kind])
+def known_kinds() -> dict[str, None]:
+    """Return the kinds of loads: those above, and those of the entries of `nontwist.loads.LOADS` that are data."""
+    return dict.fromkeys([*MADE, *(kind for kind, cls in LOADS.items() if own_fields(cls)[0] in specs(cls))])
 
 
-AnyLoad = Annotated[LoadSection, OneOf(Tables(), open=True)]
+TABLES = MadeByName(known_kinds, lambda kind: MADE.get(kind) or table_of(kind, LOADS[kind]))
+AnyLoad = Annotated[LoadSection, OneOf(TABLES, open=True)]

@@ -86,10 +86,6 @@ def entry(accepted: str, default: Any = ..., unit: str = "", **bounds: Any) -> A
     return found
 
 
-def _components(value: Any) -> Any:
-    return AXES.get(value, value) if isinstance(value, str) else value
-
-
 def _turning(value: list[float]) -> list[float]:
     if not any(value):
         raise ValueError("an axis of length zero has no direction")
@@ -100,7 +96,8 @@ Vector = Annotated[list[float], Field(min_length=3, max_length=3)]
 Matrix = Annotated[list[Vector], Field(min_length=3, max_length=3)]
 Positive = Annotated[float, Field(gt=0)]
 _AXIS_SCHEMA = {"anyOf": [TypeAdapter(Vector).json_schema(), {"enum": list(AXES), "type": "string"}]}
-Axis = Annotated[Vector, BeforeValidator(_components), AfterValidator(_turning), WithJsonSchema(_AXIS_SCHEMA)]
+_OF_LETTER = BeforeValidator(lambda x: AXES.get(x, x) if isinstance(x, str) else x)
+Axis = Annotated[Vector, _OF_LETTER, AfterValidator(_turning), WithJsonSchema(_AXIS_SCHEMA)]
 
 
 # Keys that follow from a type and its description.

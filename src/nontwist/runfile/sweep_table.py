@@ -17,22 +17,20 @@ from collections import ChainMap
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from itertools import combinations, islice
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 
 from ..analysis.statistics import STATISTICS
 from ..analysis.variables import NODES, OBSERVABLES, ROTORS, STATE, WHEELS
 from ..driver.grid import even_step
+from ..driver.single_run import Prepared
 from ..geometry.arrays import Array
 from ..geometry.values import guess
 from ..integrators import Integrator
 from .files import Fault, shown
+from .load_tables import LoadSection
 from .section import BY_FORM, Faults, OneOf, Positive, Section, entry
-
-if TYPE_CHECKING:
-    from ..driver.single_run import Prepared
-    from .load_tables import LoadSection
 
 KEPT = (*NODES, *ROTORS, *WHEELS)
 MOST_KEYS, MOST_VALUES = 100, 10_000_000

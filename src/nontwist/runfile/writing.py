@@ -8,9 +8,10 @@ taken of length 9.81 m/s² and m as 1 kg, or, where J is too small for that, so 
 from __future__ import annotations
 
 import os
+from contextlib import suppress
 from dataclasses import MISSING, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -25,14 +26,10 @@ from ..loads.terms import EVER, Pulse
 from ..models.bodies import BODIES
 from ..models.system import DirectorSystem, as_system
 from ..spec import specs
-from .body import Body
-from .body import Tables as BodyTables
-from .document import checked
+from . import body
+from .document import RunFile, checked
 from .files import Folder, plain
-from .load_tables import Tables, keys_of
-
-if TYPE_CHECKING:
-    from .document import RunFile
+from .load_tables import TABLES, keys_of
 
 FALL, RANK, LIGHT = 9.81, 1e-12, 1e-10
 
@@ -79,15 +76,13 @@ def file_of(problem: Problem, place: Path) -> RunFile:
 def body_table(system: DirectorSystem) -> dict[str, Any]:
     """Return the table of a body: of the first kind, that of its name before others, that makes this body."""
     own = system.name.split(" ")[0]
-    for kind in sorted((name for name in BODIES if name not in BodyTables()), key=lambda name: name != own):
+    for kind in sorted((name for name in BODIES if name not in body.TABLES), key=lambda name: name != own):
         table = _table_of(kind, system)
-        try:
-            made = Body.model_validate(table).system(Folder(Path()))
-        except ValueError:
-            continue
-        pairs = ((getattr(made, name), getattr(system, name)) for name in ("axis", "inertia", "dead_force"))
-        if (made.spin is None) == (system.spin is None) and all(_is_same(*pair) for pair in pairs):
-            return table
+        with suppress(ValueError):
+            made = body.Body.model_validate(table).system(Folder(Path()))
+            pairs = ((getattr(made, name), getattr(system, name)) for name in ("axis", "inertia", "dead_force"))
+            if (made.spin is None) == (system.spin is None) and all(_is_same(*pair) for pair in pairs):
+                return table
     raise ValueError(f"no kind of run files makes the body {system.name!r}")
 
 
@@ -122,7 +117,7 @@ def _table_of(kind: str, system: DirectorSystem) -> dict[str, Any]:
 def load_table(term: Term) -> dict[str, Any]:
     """Return the table of a term of the load."""
     kind = next(kind for kind, cls in LOADS.items() if cls is type(term))
-    is_known = kind in [*Tables()]
+    is_known = kind in TABLES
     if not is_known or any(callable(getattr(term, one.name)) for one in fields(term)):
         what = f"a load of the kind {kind}" + " with a function" * is_known
         raise ValueError(f"{what} has no place in a run file; save the run instead")

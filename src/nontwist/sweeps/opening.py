@@ -5,14 +5,14 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Any, NamedTuple, cast
+from typing import Any, NamedTuple, cast
 from uuid import uuid4
 
 import numpy as np
 
 from ..analysis.variables import COORDINATES
 from ..driver.runs import simulate
-from ..geometry.arrays import Array
+from ..geometry.arrays import Array, Dataset
 from ..geometry.values import as_whole
 from ..integrators import SimulationError
 from ..plot.journals import column_width, new_axes, style
@@ -22,9 +22,6 @@ from ..runfile.sweep_table import Sweep
 from .members import signs, values
 from .store import Blocks, SweepStore, open_store
 
-if TYPE_CHECKING:
-    import xarray
-
 # What three numbers of a key are components along; those of a load by their last word.
 DIMS = {"start.rotation": "quat", "start.angular_velocity.space": "axis", "start.angular_velocity.body": "director"}
 DIMS |= {"body.gravity": "axis"} | dict.fromkeys(("body.axis", "body.centre_of_mass", "body.inertia"), "director")
@@ -32,7 +29,7 @@ DIMS |= dict.fromkeys(("field", "anchor", "vector", "radial", "normal"), "axis")
 DIMS |= dict.fromkeys(("point", "axis", "coefficient"), "director")
 
 
-def open_sweep(path: str | os.PathLike[str], *, verify: bool = True) -> xarray.Dataset:
+def open_sweep(path: str | os.PathLike[str], *, verify: bool = True) -> Dataset:
     """Read the store of a sweep, complete or not, as a lazy dataset.
 
     Parameters
@@ -90,7 +87,7 @@ def open_sweep(path: str | os.PathLike[str], *, verify: bool = True) -> xarray.D
     return dataset(open_store(path, verify))
 
 
-def dataset(kept: SweepStore) -> xarray.Dataset:
+def dataset(kept: SweepStore) -> Dataset:
     """Return the dataset of a store, as `open_sweep`; its arrays are read, and swept numbers made again, by blocks."""
     import xarray
 
@@ -135,7 +132,7 @@ def _swept(blocks: Blocks, sweep: Sweep, key: str, block_id: tuple[int, ...]) ->
     return values(sweep, *blocks.span(block_id[0]))[key]
 
 
-def sweep_member(path: str | os.PathLike[str], member: int) -> xarray.Dataset:
+def sweep_member(path: str | os.PathLike[str], member: int) -> Dataset:
     """Run one member of a sweep again, with all variables at the states given by ``time.store`` of the file.
 
     Parameters

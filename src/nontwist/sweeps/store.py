@@ -32,8 +32,9 @@ from ..geometry.arrays import Array
 from ..geometry.values import as_path
 from ..integrators import Status
 from ..io.whole import atomic_file, atomic_path
+from ..machine import library
 from ..runfile.document import file_of_text
-from .members import REFUSED, Members, Results, values
+from .members import REFUSED, Members, values
 
 FORMAT, ABSENT = 3, -2
 SEAL = "blocks/seal.json"  # where readers of Zarr do not look for arrays
@@ -222,7 +223,7 @@ class SweepStore:
     """An existing store; made by `create`, opened by `open_store`."""
 
     def __init__(self, path: Path, verify: bool = True, members: Members | None = None) -> None:
-        zarr, missing = _zarr(), verify and not (path / SEAL).exists()
+        zarr, missing = library("zarr", MISSING), verify and not (path / SEAL).exists()
         seal = _verified_seal(path) if verify and not missing else ""
         try:
             self.group = zarr.open_group(path, mode="r+", zarr_format=3)
@@ -248,14 +249,10 @@ class SweepStore:
         """The hash of the seal, or why there is none."""
         return self.blocks.seal or "not read: verify=False"
 
-    def compute(self, k: int) -> Results:
-        """Compute a block."""
-        return self.members.run(values(self.members.sweep, *self.blocks.span(k)))
-
     def make(self, k: int) -> Done:
         """Compute a block and write it, without its marker, which is returned."""
         begin, (first, last) = perf_counter(), self.blocks.span(k)
-        results = self.compute(k)
+        results = self.members.run(values(self.members.sweep, first, last))
         arrays: dict[str, Any] = {**results.arrays, "status": results.status}
         for name in self.names:
             self.group[name][first:last] = arrays[name]
@@ -319,7 +316,7 @@ def open_store(path: str | os.PathLike[str], verify: bool = True, members: Membe
 
 def create(path: Path, members: Members, block: int) -> SweepStore:
     """Make an empty store; it appears under its name when it is complete."""
-    zarr, m = _zarr(), len(members)
+    zarr, m = library("zarr", MISSING), len(members)
     statuses = {ABSENT: "absent", REFUSED: "refused", **{int(status): status.name.lower() for status in Status}}
     with atomic_path(path) as temporary:
         record = {
@@ -352,8 +349,7 @@ def create(path: Path, members: Members, block: int) -> SweepStore:
             add(name, members.shapes[name], np.float64(np.nan), dims, own)
         add("status", (), np.int8(ABSENT), (), status_attributes(statuses))
         group.create_group("blocks")
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # that other readers may not know consolidated metadata; they need not
+        with warnings.catch_warnings(action="ignore"):  # that other readers may not know consolidated metadata
             zarr.consolidate_metadata(str(temporary))
         metadata = {str(place.relative_to(temporary).as_posix()): place for place in temporary.rglob("zarr.json")}
         hashes = {name: hashlib.sha256(place.read_bytes()).hexdigest() for name, place in sorted(metadata.items())}
@@ -364,11 +360,3 @@ def create(path: Path, members: Members, block: int) -> SweepStore:
 
 def _sha256(array: Array) -> str:
     return hashlib.sha256(np.ascontiguousarray(array).data).hexdigest()
-
-
-def _zarr() -> Any:
-    try:
-        import zarr
-    except ImportError as error:
-        raise ImportError(MISSING) from error
-    return zarr

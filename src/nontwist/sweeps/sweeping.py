@@ -20,7 +20,7 @@ from contextlib import nullcontext
 from itertools import zip_longest
 from pathlib import Path
 from time import perf_counter
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -28,6 +28,7 @@ from numpy.typing import ArrayLike
 from ..driver.notices import notice
 from ..driver.problem import Problem
 from ..errors import SweepError, SweepStoreError, warn
+from ..geometry.arrays import Dataset
 from ..geometry.values import as_function, as_path, as_whole, short_repr
 from ..integrators.costs import Cost
 from ..io.whole import locked
@@ -40,9 +41,6 @@ from .members import REFUSED, Members, spread
 from .opening import dataset
 from .store import Done, SweepStore, create, open_store
 from .workers import Progress, Workers, bar, open_workers
-
-if TYPE_CHECKING:
-    import xarray
 
 LONGEST, LARGEST, MOST = 10.0, 2**26, 2**18  # s, bytes, members of a block
 SHORTEST, SHARE = 0.25, 4  # s of a block; blocks for each worker
@@ -129,7 +127,7 @@ def sweep(
     block: int | None = None,
     progress: bool | Report = False,
     **table: Any,
-) -> xarray.Dataset:
+) -> Dataset:
     """Run all members of a sweep and store their results; complete blocks are not run again.
 
     Parameters

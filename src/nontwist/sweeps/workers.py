@@ -18,7 +18,7 @@ from ..driver.notices import duration, progress_bar
 from ..geometry.values import as_whole, short_repr
 from ..integrators import INTEGRATORS
 from ..loads import LOADS
-from ..machine import cores
+from ..machine import cores, library
 from ..models.bodies import BODIES
 from .store import MISSING, Done, SweepStore, open_store
 
@@ -74,10 +74,7 @@ class Workers(NamedTuple):
         """
         if self.client is None:
             return
-        import distributed
-
-        dask: Any = distributed
-        cluster = self.client.cluster
+        dask, cluster = library("distributed", MISSING), self.client.cluster
         if isinstance(cluster, dask.LocalCluster) and not self.client.nthreads():
             cluster.scale(len(cluster.worker_spec))
 
@@ -112,11 +109,7 @@ def open_workers(where: Any, count: int | None) -> Iterator[Workers]:
 
 
 def _client(where: Any, count: int, stack: ExitStack) -> Any:
-    try:
-        import distributed
-    except ImportError as error:
-        raise ImportError(MISSING) from error
-    dask: Any = distributed
+    dask = library("distributed", MISSING)
     if not isinstance(where, (str, dask.Client, dask.deploy.Cluster)):
         raise ValueError(f'dask must be "local", an address, a Client or a Cluster; got {short_repr(where)}')
     if where == "local":

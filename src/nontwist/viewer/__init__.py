@@ -16,17 +16,14 @@ from dataclasses import dataclass, field
 from importlib.resources import files
 from pathlib import Path
 from string import Template
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from ..analysis.trajectory import Trajectory
+from ..geometry.arrays import Dataset
 from ..geometry.values import hinted, short_repr
 from ..io.whole import written
 from .content import as_script, contents
 from .drawing import Motion, camera_of
-
-if TYPE_CHECKING:
-    import xarray
-
-    from ..analysis.trajectory import Trajectory
 
 __all__ = ["View", "view"]
 
@@ -94,8 +91,8 @@ class View:
 
 @hinted
 def view(
-    run: xarray.Dataset | Trajectory | Any,
-    other: xarray.Dataset | Trajectory | Any = None,
+    run: Dataset | Trajectory | Any,
+    other: Dataset | Trajectory | Any = None,
     *,
     title: str | None = None,
     labels: str | Sequence[str] | None = None,

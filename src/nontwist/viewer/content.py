@@ -22,7 +22,7 @@ import json
 import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,8 +30,8 @@ from numpy.typing import NDArray
 from ..analysis.datasets import RUN, as_dataset
 from ..analysis.joining import loads_in_words, parts_of
 from ..analysis.trajectory import Trajectory
-from ..geometry.arrays import Array, as_array, as_positive
-from ..geometry.attitudes import quaternions
+from ..geometry.arrays import Array, Dataset, as_array, as_positive
+from ..geometry.attitudes import quaternions, turns
 from ..geometry.frames import triad_about
 from ..geometry.values import as_list, short_repr, vector_text
 from ..loads.kinds import rotors_of
@@ -40,14 +40,11 @@ from ..models.bodies import BODIES
 from ..models.system import DirectorSystem
 from ..recordings.twisting import twist
 
-if TYPE_CHECKING:
-    import xarray
-
 POINTS = 2000  # of a curve
 ROUND_OFF = 1e-10  # of the largest value of a quantity, or, for twists, of a radian
 
 
-def panels(run: xarray.Dataset, twisted: xarray.Dataset) -> list[dict[str, Any]]:
+def panels(run: Dataset, twisted: Dataset) -> list[dict[str, Any]]:
     """Return the panels of a run, what tells of the twist first; of a recording the angles alone.
 
     Times count from the start.
@@ -108,7 +105,7 @@ def packed(values: Array) -> str:
     return base64.b64encode(np.ascontiguousarray(values, dtype="<f4").tobytes()).decode("ascii")
 
 
-def momenta_of_rotors(run: xarray.Dataset) -> list[tuple[Array, Array]]:
+def momenta_of_rotors(run: Dataset) -> list[tuple[Array, Array]]:
     """Return the axis in the body and the momentum relative to it, at all times, of each rotor and wheel of a run."""
     records, times = json.loads(run.attrs.get("load", "[]")), run["time"].values
     rotors = [(one.direction, one.scale * one.history(times)[0]) for one in rotors_of(records).rotors]
@@ -227,7 +224,7 @@ def _recording(motion: Any) -> dict[str, Any]:
     }
 
 
-def _twisted(motion: Any) -> xarray.Dataset:
+def _twisted(motion: Any) -> Dataset:
     try:
         return twist(motion)
     except (TypeError, ValueError) as error:
@@ -238,16 +235,14 @@ def _twisted(motion: Any) -> xarray.Dataset:
         ) from error
 
 
-def _motion(
-    run: xarray.Dataset, twisted: xarray.Dataset, attitudes: Array, axis: Array, about: dict[str, str]
-) -> dict[str, Any]:
+def _motion(run: Dataset, twisted: Dataset, attitudes: Array, axis: Array, about: dict[str, str]) -> dict[str, Any]:
     """Return what runs and recordings have in common; `attitudes` are triads, rows, the third along the body `axis`."""
     time = twisted["time"].values
     if time.size < 2:
         raise ValueError("the run has a single state; nothing moves (simulate with store=1)")
     p = quaternions(attitudes)
     kept = _shown(np.arange(time.size))
-    turn = turns_between(p[kept])
+    turn = turns(p[kept][:-1], p[kept][1:])
     angles, labels = {"twist": "twist_angle", "swing": "swing_twist_angle", "area": "solid_angle"}, ["d₁", "d₂", "d₃"]
     if not np.array_equal(axis, [0, 0, 1]):
         labels = ["t₁", "t₂", "n"]
@@ -267,19 +262,13 @@ def _motion(
     }
 
 
-def turns_between(quaternions: Array) -> Array:
-    """Return the angles from each attitude to the next, rad."""
-    cosines: Array = abs(np.sum(quaternions[1:] * quaternions[:-1], axis=1))
-    return 2 * np.arccos(np.minimum(cosines, 1.0))
-
-
 def _shown(values: NDArray[Any]) -> NDArray[Any]:
     """Return those of as many values as states that the page shows."""
     which = np.linspace(0, values.size - 1, min(values.size, STATES)).round().astype(int)
     return values[np.unique(which)]
 
 
-def _checked(run: xarray.Dataset) -> tuple[xarray.Dataset, DirectorSystem]:
+def _checked(run: Dataset) -> tuple[Dataset, DirectorSystem]:
     if lacking := [name for name in NEEDED if name not in run.variables]:
         raise ValueError(f"not a run of simulate: it lacks {', '.join(lacking)}")
     if "member" in run.dims:

@@ -17,11 +17,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from ..geometry.arrays import Array, arcs, cross
+from ..geometry.arrays import Array, Axes, arcs, cross
 from ..geometry.attitudes import directors
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 RING, POINTER, RIBS = (0.7, 0.86), 0.98, 300

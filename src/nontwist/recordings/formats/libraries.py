@@ -36,7 +36,6 @@ from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -45,6 +44,7 @@ from numpy.typing import NDArray
 
 from ...errors import InputError
 from ...io.run_files import open_run
+from ...machine import library
 from ..motions import raw_motion
 from ..options import ReadOptions
 from ..table import Content, Table, by_name, listed
@@ -86,12 +86,9 @@ def readable(what: str, help_with: str = "") -> Iterator[None]:
         raise InputError("unreadable", what=what, why=why) from error
 
 
-def library(name: str, extra: str) -> Any:
+def reader(name: str, extra: str) -> Any:
     """Import the library that reads a format; an ImportError names the extra that installs it."""
-    try:
-        return import_module(name)
-    except ImportError as error:
-        raise ImportError(f"this format is read by {name}: pip install 'nontwist[{extra}]'", name=name) from error
+    return library(name, f"this format is read by {name}: pip install 'nontwist[{extra}]'")
 
 
 def read_apart(function: Callable[[str], Arrays], path: Path) -> Arrays:
@@ -113,7 +110,7 @@ def read_apart(function: Callable[[str], Arrays], path: Path) -> Arrays:
 
 def read_c3d(path: Path, how: ReadOptions) -> Content:
     """Read the rotations of a file."""
-    library("ezc3d", "c3d")
+    reader("ezc3d", "c3d")
     with readable("C3D file"):
         found = read_apart(rotations, path)
         matrices = np.asarray(found["matrices"], dtype=float)
@@ -140,7 +137,7 @@ def rotations(path: str) -> dict[str, Any]:
 
 def read_ros(path: Path, how: ReadOptions) -> Content:
     """Read the orientations of the topic or child frame ``body``, or of the only one that has any."""
-    highlevel, typesys = (library(f"rosbags.{name}", "ros") for name in ("highlevel", "typesys"))
+    highlevel, typesys = (reader(f"rosbags.{name}", "ros") for name in ("highlevel", "typesys"))
     folder = path.parent if path.suffix == ".db3" and (path.parent / "metadata.yaml").exists() else path
     streams: dict[str, list[tuple[float, ...]]] = defaultdict(list)
     with readable("ROS bag"):
@@ -197,7 +194,7 @@ def read_spice(path: Path, how: ReadOptions) -> Content:
 
     Kernels that the process has loaded stay loaded.
     """
-    spice = library("spiceypy", "spice")
+    spice = reader("spiceypy", "spice")
     if how.rate is None:
         raise InputError("no-rate")
     with readable("meta-kernel of CK, leapseconds (LSK) and spacecraft clock (SCLK)"):

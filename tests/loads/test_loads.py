@@ -170,6 +170,7 @@ def test_loads_are_values(name):
     load, same = value(name), VALUES[name]()
     assert load == same == pickle.loads(pickle.dumps(load))
     assert len({load, same, 2 * load, 1.0 * load}) == 2
+    assert load / 4 == 0.25 * load
     assert load not in [value(other) for other in VALUES if other != name]
     assert load != 3
     assert len(repr(load)) < 120

@@ -235,6 +235,26 @@ def test_copy_is_equal(tmp_path):
     for problem in (PROBLEM, Problem.read(tmp_path / "run.toml")):
         for again in (pickle.loads(pickle.dumps(problem)), copy.copy(problem), copy.deepcopy(problem)):
             assert np.array_equal(nt.integrate(again).quaternion, expected)
+            assert problem == again
+            assert hash(problem) == hash(again)
+
+
+@pytest.mark.parametrize(
+    ("changes", "other"),
+    [
+        ({"t_end": 1.0, "load": nt.sine([0, 0, 1], frequency=0.5)}, {"t_end": 2}),
+        ({"material_angular_velocity": [0.1, 2, 0.3]}, {"material_angular_velocity": (0.1, 2)}),
+        ({"rotation": Rotation.from_rotvec([0.3, -0.2, 0.5])}, {"rotation": Rotation.from_rotvec([0.3, -0.2, 0.6])}),
+        ({"times": np.array([0.5, 1])}, {"times": np.array([0.5, 1.5])}),
+        ({"integrator": LieMidpoint(dissipation=0.5)}, {"integrator": LieMidpoint()}),
+        ({"start": nt.simulate(BODY, t_end=0.5)}, {"start": nt.simulate(BODY, t_end=0.25)}),
+        ({"events": [nt.spin_below]}, {"events": None}),
+    ],
+)
+def test_equal_problems(changes, other):
+    first = PROBLEM.replace(**changes)
+    assert first == PROBLEM.replace(**copy.deepcopy(changes))
+    assert first not in (PROBLEM.replace(**other), first.replace(nt.standard([3, 4, 6])), PROBLEM.system)
 
 
 def test_body_is_written_in_full(tmp_path):

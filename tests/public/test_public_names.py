@@ -118,6 +118,7 @@ LOOP = nontwist.stepper(BODY, 0.1)
             "argument but 3 were given; it takes inertia, physical",
         ),
         (lambda: nontwist.stepper(BODY, dt=0.1), "'dt'; did you mean step=?"),
+        (lambda: LOOP.step(body_moments=(1, 0, 0)), "'body_moments'; did you mean body_moment=?"),
         (lambda: LOOP.reset(W=(1, 0, 0)), "'W'; did you mean material_angular_velocity=?"),
         (lambda: LOOP.reset(t_start=1), "'t_start'; did you mean time=?"),
         (lambda: LOOP.reset(LOOP.state), "2 were given; it takes rotation, scalar_first, "),

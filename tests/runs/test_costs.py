@@ -118,6 +118,15 @@ def test_cost_counts_substeps():
     assert closed.cost(problem(STANDARD, free.load), 11).parts == 0
     rubbed = [nt.Problem(FREE, t_end=9, step=0.05, load=sum(many)).forecast().seconds for many in RUBBED]
     assert rubbed[1] > 10 * rubbed[0]
+    oiled = [[nt.wheel(axis, 0.1, 9, viscous=0.1) for axis in axes] for axes in ("x", "xyz")]
+    pulled = [[nt.spring(2, point=(0, 0, 1), anchor=(0, 0, 1.5))], RUBBED[0], *oiled]
+    how = {"t_end": 9, "step": 0.05, "store": "end"}
+    alone, *others = (nt.Problem(FREE, load=sum(many, nt.Load()), **how).forecast().seconds for many in ([], *pulled))
+    spring, locked, one, three = (each / alone for each in others)
+    assert 1 < locked < 1.5 < one <= spring < 4 < three < 8
+    chosen = nt.Problem(FREE, t_end=9000, tolerance=1e-9, store="end", material_angular_velocity=(1, 0, 0)).forecast()
+    fixed = nt.Problem(FREE, t_end=9000, step=chosen.step, order=16, store="end").forecast()
+    assert 2.2 < chosen.seconds / fixed.seconds < 2.5  # two runs before it
     assert rubbed[2] > 2 * rubbed[1]
 
 

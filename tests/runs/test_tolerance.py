@@ -350,6 +350,18 @@ def test_gyration_behind_many_kinks():
     assert (next(ends).inv() * next(ends)).magnitude() < 1e-8
 
 
+def test_fast_wheels_are_resolved(monkeypatch):
+    """W turns by 600 rad/s in a body that turns by 0.04 rad/s; steps that miss it do not get better for long."""
+    monkeypatch.setattr(tolerance, "MANY", 100)
+    how = {"load": nt.wheel("z", 0.05, speed=1e6), "material_angular_velocity": (0.01, 0.02, 0.03)}
+    run = nt.simulate(nt.standard([20, 80, 90]), t_end=10, **how)
+    exact = nt.simulate(nt.standard([20, 80, 90]), times=run.time, integrator="exact", **how)
+    np.testing.assert_allclose(run.material_angular_velocity, exact.material_angular_velocity, atol=1e-10)
+    monkeypatch.setattr(tolerance, "ENOUGH", 3000)
+    with pytest.warns(UserWarning, match=r"gyrate, which 5\.6e\+03 steps resolve: shorten the run, or give step=$"):
+        nt.simulate(nt.standard([20, 80, 90]), t_end=10, **how)
+
+
 @pytest.mark.parametrize(("t_end", "shown"), [(2, 0.2), (50, 50 * 100 / np.sqrt(1.2) / 20_000)])
 def test_stored_gyration(t_end, shown):
     """A body that hardly turns, and W that turns in it at the rate h / √(J₁ J₂)."""

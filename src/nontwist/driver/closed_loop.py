@@ -7,14 +7,14 @@ from __future__ import annotations
 
 from dataclasses import replace
 from math import inf, nan, sqrt
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Never
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import warn
 from ..geometry.arrays import Array, Rotation, as_array, as_floats, as_number, as_positive, vector
-from ..geometry.values import hinted, short_repr
+from ..geometry.values import hinted, short_repr, unknown_keyword
 from ..integrators import INTEGRATORS, IVP, Integrator, SimulationError, Status
 from ..integrators.compiled import Compiled
 from ..integrators.integrator import Failure
@@ -369,7 +369,11 @@ class Stepper:
         return self._state
 
     def step(
-        self, body_moment: ArrayLike = ZERO, space_moment: ArrayLike = ZERO, wheel_torque: ArrayLike = NONE
+        self,
+        body_moment: ArrayLike = ZERO,
+        space_moment: ArrayLike = ZERO,
+        wheel_torque: ArrayLike = NONE,
+        **unknown: Never,
     ) -> StepperState:
         """Take one step under moments that are constant over it, and return the state at its end.
 
@@ -406,6 +410,9 @@ class Stepper:
         The moments add to the dead forces of the body and to the load of the stepper. They are processed fastest as
         tuples, lists or arrays of floats.
         """
+        if unknown:  # at a tenth of the cost of `hinted`
+            known = ("body_moment", "space_moment", "wheel_torque")
+            raise unknown_keyword("Stepper.step", next(iter(unknown)), known) from None
         body, space = vector(body_moment, "body_moment"), vector(space_moment, "space_moment")
         if self._steps_now:
             raise RuntimeError("this stepper is taking a step: each thread needs one of its own, a copy.copy of it")

@@ -188,10 +188,15 @@ def finer(grid: Segments) -> Segments:
 
 def expected_grid(plan: Plan, first: First) -> Segments:
     """Return the grid with which a run to a tolerance ends, about: it resolves a gyration, as if that were excited."""
-    grid, span = finer(first.grid), plan.t_end - plan.t_start
-    whole = span * gyration_rate(plan.systems, plan.load, plan.t_start, plan.t_end)
-    more = whole / _resolving(plan, first.scheme, whole) / first.grid.steps if whole else 1.0
+    grid, more = finer(first.grid), steps_of_gyration(plan, first.scheme) / first.grid.steps
     return segmented(grid.borders, np.ceil(np.diff(grid.numbers) * max(more, 1.0)))
+
+
+def steps_of_gyration(plan: Plan, scheme: Integrator) -> float:
+    """Return how many steps resolve the gyration that rotors and wheels cause; 0 without."""
+    rate = gyration_rate(plan.systems, plan.load, plan.t_start, plan.t_end)
+    whole = (plan.t_end - plan.t_start) * rate
+    return whole / _resolving(plan, scheme, whole) if whole else 0.0
 
 
 def order_of(scheme: Integrator) -> float:

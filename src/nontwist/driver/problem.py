@@ -203,6 +203,14 @@ class Problem:
     def __delattr__(self, name: str) -> None:
         raise FrozenInstanceError(f"a problem cannot be changed: problem.replace({name}=None) returns another")
 
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Problem) or self.system != other.system or self.given.keys() != other.given.keys():
+            return False
+        return all(_are_equal(value, other.given[key]) for key, value in self.given.items())
+
+    def __hash__(self) -> int:
+        return hash((self.system, frozenset(self.given)))
+
     def __reduce__(self) -> tuple[Any, ...]:
         return problem_with, (self.system, dict(self.given), self.file)
 
@@ -375,6 +383,14 @@ def _kept(keywords: Any) -> dict[str, Any]:
         if isinstance(value, np.ndarray):
             value.flags.writeable = False
     return kept
+
+
+def _are_equal(one: Any, other: Any) -> bool:
+    """Whether two values of a keyword are the same: numbers, also in arrays, loads, rotations, runs, or functions."""
+    if one is other or hasattr(one, "identical"):
+        return one is other or bool(type(one) is type(other) and one.identical(other))
+    one, other = (value.as_matrix() if hasattr(value, "as_matrix") else value for value in (one, other))
+    return np.array_equal(one, other)
 
 
 def problem_with(system: DirectorSystem | SystemStack, given: Mapping[str, Any], file: Any = None) -> Problem:

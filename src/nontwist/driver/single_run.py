@@ -38,6 +38,7 @@ from .planning import Plan, resolve_integrator
 from .starts import AT_REST, Starts
 from .tolerance import controlled
 
+RUNS = 7 / 3  # to a tolerance, in steps of the last: a coarse one, one that is disturbed by round-off, a finer one
 CALLS = 25  # of a load in Python at a stage of a step that is chosen, in all runs together
 CACHED_NODES = 2**13  # at most, of a plan whose preparation is cached
 
@@ -262,7 +263,10 @@ class Prepared:
     def cost(self) -> Cost:
         """What it costs, about."""
         cost, load = notices.run_cost(self.scheme, self.whole, self.states), self.plan.load
-        if self.first is None or load.is_compiled:
+        if self.first is None:
+            return cost
+        cost = cost._replace(seconds=cost.seconds + (RUNS - 1) * self.scheme.cost(self.whole, 2).seconds)
+        if load.is_compiled:
             return cost
         calls = CALLS * cost.parts * self.scheme.nodes
         return cost._replace(seconds=max(cost.seconds, calls * seconds_of_call(load, self.whole)))

@@ -43,9 +43,19 @@ from ..integrators import IVP, Integrator, Status
 from ..integrators.costs import gyration_rate
 from ..integrators.integrator import Outcome
 from ..integrators.ivp import Segments, segmented
-from ..loads import Load
 from . import completion
-from .first_steps import MANY, STEADY, TENTH, First, coarse_grid, finer, first_run, first_step, order_of
+from .first_steps import (
+    MANY,
+    STEADY,
+    TENTH,
+    First,
+    coarse_grid,
+    finer,
+    first_run,
+    first_step,
+    order_of,
+    steps_of_gyration,
+)
 from .grid import Piecewise, stored_steps
 from .notices import SMOOTH
 from .planning import Plan
@@ -222,13 +232,17 @@ class Refinement:
     def refines(self, coarse: Trial, fine: Trial) -> bool:
         """Refine the steps, or begin anew with the lowest order; return whether that is of use."""
         is_seen = self.gap < UNSEEN and fine.grid.longest * self.gyration <= STEADY
-        is_seen = is_seen or fine.grid.steps > MANY
+        needed = steps_of_gyration(self.plan, self.scheme)
+        is_missed = coarse.grid.steps < needed < ENOUGH / 2
+        is_seen = (is_seen or fine.grid.steps > MANY) and not is_missed
         self.before, self.level = (coarse.grid.steps, self.d), self.level + (is_seen and self.slope < LEVEL)
         if self.is_at_round_off:
             return False
         slope, most = max(self.slope, 1.0), ROUGH if self.is_rough else order_of(self.scheme)
         above = self.d / (TENTH * self.goal)
         factor = min(1.1 * above ** (1 / min(slope, most)), WIDEST)
+        if is_missed:
+            factor = min(factor, 1.1 * needed / coarse.grid.steps)
         steps_needed = coarse.grid.steps * above ** (1 / max(self.slope, 0.5))
         is_hopeless = (self.level > 1 or steps_needed > ENOUGH) and not (self.is_rough and self.plan.load.is_compiled)
         if not (is_seen and (is_hopeless or fine.grid.steps * factor > ENOUGH)):
@@ -255,7 +269,7 @@ class Refinement:
     def unreached(self, fine: Trial) -> tuple[Trial, float, float]:
         """Return the last run with a warning, or raise a ValueError where a tolerance that is asked for is missed."""
         if not self.is_at_round_off:
-            text = self.amplified or _unreached(self.scheme, self.plan.load, fine, self.goal, self.d, self.slope)
+            text = self.amplified or _unreached(self.scheme, self.plan, fine, self.goal, self.d, self.slope)
             if self.plan.tolerance is not None and self.d > self.goal:
                 raise ValueError(text)
             warn(text)
@@ -353,7 +367,8 @@ def _moved(floor: float) -> str:
     return f"a change of the start by two units of round-off moves the end by {number_text(floor, '.1e')}"
 
 
-def _unreached(scheme: Integrator, load: Load, fine: Trial, goal: float, d: float, slope: float) -> str:
+def _unreached(scheme: Integrator, plan: Plan, fine: Trial, goal: float, d: float, slope: float) -> str:
+    load = plan.load
     if d <= goal:
         return (
             f"the error is estimated as {d:.1e} by two runs, the finer of {fine.grid.steps} steps; a third, to "
@@ -365,6 +380,10 @@ def _unreached(scheme: Integrator, load: Load, fine: Trial, goal: float, d: floa
     ways += "ask for less, or give step="
     if not load.terms and slope < order_of(scheme) / 2:
         ways = "the motion amplifies round-off: a shorter run is known better"
+    if fine.grid.steps < (needed := steps_of_gyration(plan, scheme)):
+        ways = (
+            f"rotors and wheels make the body gyrate, which {needed:.2g} steps resolve: shorten the run, or give step="
+        )
     return (
         f"tolerance = {goal:.3g} is not reached: with {fine.grid.steps} steps of order {order_of(scheme):g} the error "
         f"is estimated as {d:.1e} and falls as if of order {max(slope, 0.0):.1f}; {ways}"

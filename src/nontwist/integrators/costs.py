@@ -28,7 +28,9 @@ VARIES = 1.1  # the range of V over that of the attitudes that are tried
 MOMENTA = 2000  # times at which those of rotors are sampled
 DIFFERENCES, UNEQUAL = (2.0**-10, 2.0**-12), 0.1  # differences, of the size of numbers; by how much slopes differ
 GONE = 7.0  # -log of what is left of a mode that has decayed
-SAMPLE_NS, CALL_NS, PYTHON_NS = 60, 10_000, 200_000  # a node of a load; in Python; a substep with a load of the state
+# A term of a load at a node, by its kind, and its memory; a function of time in Python; a substep with another one.
+TERM_NS = {"body": 60, "space": 60, "state": 200, "forces": 200, "potential": 1_000, "memory": 200}
+MEMORY_NS, CALL_NS, PYTHON_NS = 800, 10_000, 200_000
 TIMED, ENOUGH = 10, 0.1  # calls that are timed at most, and s after which two must do
 DRY_NS = 100_000  # a substep, for each dry friction
 
@@ -49,8 +51,9 @@ def steps_cost(problem: IVP, steps: int, substeps: int, substep_ns: float) -> Co
         ns = max(ns, PYTHON_NS)
     if load.is_dry:  # slides and rests are told apart in Python
         ns = max(ns, DRY_NS * (len(load.frictions) + sum(one.is_dry for one in load.wheels)))
-    sampled = [term for term in load.terms if term.kind in ("body", "space")]
-    ns += sum(CALL_NS if isinstance(term, Function) else SAMPLE_NS for term in sampled)
+    ns += MEMORY_NS * len(load.memories)
+    called = [isinstance(term, Function) and term.kind in ("body", "space") for term in load.terms]
+    ns += sum(CALL_NS if is_called else TERM_NS[term.kind] for term, is_called in zip(load.terms, called, strict=True))
     return Cost(steps, "steps", steps * substeps * ns * 1e-9, 0)
 
 

@@ -108,6 +108,9 @@ class Load:
 
     __rmul__ = __mul__
 
+    def __truediv__(self, divisor: float) -> Load:
+        return self * (1.0 / float(as_array(divisor, "divisor of a load", ())))
+
     def __neg__(self) -> Load:
         return -1.0 * self
 

@@ -110,6 +110,9 @@ class Term(ABC):
 
     __rmul__ = __mul__
 
+    def __truediv__(self, divisor: float) -> Load:
+        return self.load / divisor
+
     def __neg__(self) -> Load:
         return -self.load
 

@@ -22,7 +22,7 @@ from nontwist.errors import SimulationError
 from nontwist.geometry.attitudes import BASIS
 from nontwist.integrators import EnergyMomentum, LieMidpoint
 from nontwist.integrators.compiled import Compiled
-from nontwist.kernels.vectors import compensated, cross
+from nontwist.kernels.vectors import compensated, cross, sum_of
 from nontwist.loads import LOADS as KINDS
 from nontwist.loads import Term
 from nontwist.loads.functions import Moment
@@ -414,3 +414,44 @@ def test_user_step_with_several_calls():
     for k, e in enumerate(EYE):
         expected = derivative(lambda x, e=e: nt.integrate(body, material_angular_velocity=W0 + x * e, **how))
         assert last(d, k) == pytest.approx(expected, abs=1e-10)
+
+
+def from_both_ends(nodes, state, is_active):
+    """Take an explicit step with a quarter of the moments at its beginning and three at its end."""
+    body, h, P = nodes.body, nodes.h, state.s
+    W, change = body.velocity_of(P), 0.0 * P
+    for j, weight in enumerate((0.25, 0.75)):
+        loads = nodes.loads(j)
+        wheel = cross(P + loads.rotor, W) - loads.rotor_rate - loads.damping @ W
+        called = None if loads.functions is None else loads.functions.moment(0.0 * W, W)
+        change = change + (weight * h) * sum_of(wheel, loads.moving, loads.space, called)
+    half, no = 0.5 * h * W, h < h
+    p, c, gap = turned_by_half(state.p, state.c, half)
+    after, compensation = compensated(P, state.compensation, change)
+    found = Step(State(p, after, compensation, c, state.auxiliary), no, no, gap, 0.0 * h, 0.0 * h, half @ half)
+    return found._replace(mu=0.0 * h, twist=0.0 * h, moment=0.0 * P, work=0.0 * h)
+
+
+class BothEnds(Compiled):
+    name, orders = "both-ends", (1,)
+    stages = staticmethod(lambda parts: (np.ones(1), np.array([0.0, 1.0])))
+    text = staticmethod(lambda motion: Text(from_both_ends))
+
+
+@pytest.mark.filterwarnings(IGNORED)
+def test_user_step_with_several_nodes():
+    """The columns of inputs of both nodes; of a function the time there; both kernels."""
+    sampled, numbers = partial(test_derivatives.loaded, "all"), numbers_of("standard", 0.4)
+    gust = nt.moment(lambda t, d, w: np.sin(3 * t) * d[1] - 0.2 * w, compiled=True)
+    wrt, how = [*START, "inertia", "duration", *test_derivatives.LOADED], {"integrator": BothEnds(order=1)}
+    test_derivatives.require_tangents(numbers, sampled, wrt, 4, **how)
+
+    def with_gust(p):
+        return sampled(p) + p["load_scale"] * gust
+
+    test_derivatives.require_tangents(numbers, with_gust, wrt, 4, by_time=10, **how)
+    how |= {"t_end": 0.4, "step": 0.1, "load": sampled(numbers)}
+    few, given = ["load[1].sine", "inertia", "duration"], {"material_angular_velocity": W0, "rotation": R0}
+    found = np.concatenate(nt.propagator(nt.standard(J), **how).jacobian(wrt=few, **given), axis=1)
+    d = nt.sensitivities(nt.standard(J), wrt=few, **how, **given)
+    assert found[-1] == pytest.approx(last(d), abs=1e-14)

@@ -11,13 +11,14 @@ Functions of the state are evaluated once, with their derivatives, and linear fr
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from ..kernels import machine_code
 from ..kernels.control import Variables, loop
 from ..kernels.dual import Dual, jacobian, plain, tangent
 from ..kernels.elements import remade
-from ..kernels.memory import Doubles, View, Wholes, call, scratch, size_of
+from ..kernels.memory import Doubles, View, Wholes, call, doubles, scratch, size_of
 from ..kernels.vectors import AXES, Matrix, Quaternion, Symmetric, Vector, attitude, cross, sum_of
 from .generalised import STATE, Sloped
 from .marching import Text
@@ -169,16 +170,20 @@ class DualBody(Body):
 
 
 class Directions:
-    """The directions of derivatives, one after the other: of the attitude, of W, of N, and of inputs."""
+    """The directions of derivatives, one after the other: of the attitude, of W, of N, and of inputs.
 
-    def __init__(self, offsets: dict[str, int], count: int) -> None:
-        self.offsets, self.count = offsets, count
+    Those of inputs at nodes are of all nodes, one after the other, or of the one that is looked at.
+    """
 
-    def along(self, name: str, x: Any) -> Any:
-        """Return numbers as duals, in the directions of this name; as they are where it has none."""
+    def __init__(self, offsets: dict[str, int], count: int, has_all_nodes: bool = False) -> None:
+        self.offsets, self.count, self.has_all_nodes = offsets, count, has_all_nodes
+
+    def along(self, name: str, x: Any, j: Any = 0) -> Any:
+        """Return numbers, of a node, as duals, in the directions of this name; as they are where it has none."""
         if name not in self.offsets:
             return x
-        return self._seeded(x, self.offsets[name])[0]
+        own = j * INPUTS[name] if self.has_all_nodes and name in NODAL else 0
+        return self._seeded(x, self.offsets[name] + own)[0]
 
     def tangents(self, place: int) -> list[Any]:
         """Return the derivatives of the number at a place."""
@@ -203,6 +208,7 @@ class Known(Nodes):
 
     Attributes
     ----------
+    known : what is known of a node, of its number
     turn : Vector, how the body is turned at the beginning; None without derivatives
     tilt : Vector, how the frame is turned in the body; None where it is not
     now : State, that a march carries at the beginning; None: made from what is known
@@ -212,22 +218,22 @@ class Known(Nodes):
         self,
         calls: FunctionCalls,
         body: Body,
-        at: Any,
+        known: Callable[[Any], Any],
         scale: Any,
         directions: Directions,
         R: Any = None,
         now: Any = None,
     ) -> None:
         self.parts, self.solved, self.memory, self.node = calls.parts, calls.solved, None, 0
-        self._at, self._scale = at, scale
+        self.known, self._at, self._scale = known, known(0), scale
         self.calls, self.factor, self.vary, self.now = calls, directions.along("factor", scale), directions, now
         self.basis, d = body.basis, directions.of("axis", Vector)
         self.tilt = None if d is None else Vector(-d[1], d[0], 0.0)
-        self.turn, self.R = directions.of("turn", Vector), attitude(at.p) @ self.basis if R is None else R
+        self.turn, self.R = directions.of("turn", Vector), attitude(self._at.p) @ self.basis if R is None else R
         self.delta = self.turn
         if self.tilt is not None:
             self.turn = self.turn + self.tilt
-        self.h = directions.along("step", at.h)
+        self.h = directions.along("step", self._at.h)
         self.body = self._varied(body._replace(spin=1.0))
 
     def _varied(self, body: Body) -> Body:
@@ -273,10 +279,6 @@ class Known(Nodes):
         """Return the velocity at the beginning."""
         return self.tilted(self.vary.along("velocity", W))
 
-    def known(self, j: Any) -> Any:
-        """Return what is known of a node."""
-        return self._at
-
     def along(self, x: Vector) -> Vector:
         """Return a vector of the body in b."""
         return x @ self.basis
@@ -287,16 +289,16 @@ class Known(Nodes):
 
     def moving(self, j: Any = 0) -> Vector:
         """Return the moment along the frame."""
-        return self.tilted(self.vary.along("moving", self._scale * self.along(self.known(j).moving)))
+        return self.tilted(self.vary.along("moving", self._scale * self.along(self.known(j).moving), j))
 
     def space(self, j: Any = 0) -> Vector:
         """Return the moment in space as seen at the beginning."""
-        return self.to_material(self.vary.along("space", self._scale * self.known(j).space))
+        return self.to_material(self.vary.along("space", self._scale * self.known(j).space, j))
 
     def rotor(self, j: Any = 0) -> tuple[Vector, Vector]:
         """Return the momentum of the rotors and its rate."""
         c, rate = (self._scale * self.along(x) for x in (self.known(j).rotor, self.known(j).rate))
-        return self.tilted(self.vary.along("rotor", c)), self.tilted(self.vary.along("rate", rate))
+        return self.tilted(self.vary.along("rotor", c, j)), self.tilted(self.vary.along("rate", rate))
 
     def spin(self, j: Any = 0) -> Any:
         """Return the change of the prescribed spin."""
@@ -313,7 +315,7 @@ class Known(Nodes):
 
     def fraction(self, j: Any) -> Any:
         """Return how far into the step a node is."""
-        return 0.5
+        return self.calls.fractions[j]
 
     def to_material(self, x: Vector) -> Vector:
         """Return the components in b, at the beginning of the step, of a vector in space."""
@@ -344,6 +346,7 @@ class FunctionCalls(NamedTuple):
     block: View  # of `Steps`
     wanted: dict[str, int]  # inputs
     solved: Any = None  # `newton.Solved`, of the step
+    fractions: tuple[float, ...] = ()  # of the step, at its nodes
     is_done: bool = True  # whether they have been evaluated, about where the step calls them; else as it does
 
     @property
@@ -355,6 +358,15 @@ class FunctionCalls(NamedTuple):
     def size(self) -> int:
         """How many numbers of a step the derivatives take."""
         return 3 * (self.parts.function + self.parts.generalised) * self.offsets[""]
+
+    @property
+    def node_size(self) -> int:
+        """How many numbers what is known of a node takes, in all lanes."""
+        return (size_of(KnownStep) + self.size) * self.parts.lanes
+
+    def node(self, j: Any) -> View:
+        """Return what is known of a node; all but what acts there is in the first one."""
+        return View(KnownStep, doubles(self.block.workspace).shifted(j * self.node_size), self.parts.lanes)
 
     def slopes(self, at: View) -> Any:
         """Return the memory of the derivatives, which lies behind what else is known."""
@@ -439,7 +451,7 @@ class LinearFunctions:
             v.found = with_slopes(k, Dual(y, tangents))
         for name in ("forces", "terms"):
             if name in known.vary.offsets:
-                for k, x in enumerate(known.vary.along(name, (0.0,) * calls.wanted[name]), offsets[name]):
+                for k, x in enumerate(known.vary.along(name, (0.0,) * calls.wanted[name], self._j), offsets[name]):
                     v.found = with_slopes(k, x)
         found = v.found if width else plain(v.found)
         moment, torque = Vector(*found[:3]), Vector(*found[-3:])

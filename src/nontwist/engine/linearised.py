@@ -46,7 +46,7 @@ from ..kernels.kernel import Kernel, kernel
 from ..kernels.machine_code import width
 from ..kernels.memory import View, call, doubles, load_lanes, put, store_lanes, vector_at
 from ..kernels.vectors import Matrix, Quaternion, Symmetric, Vector, attitude, cross
-from .known_steps import LANES, Directions, FunctionCalls, Known, KnownStep, Steps, Wanted, column_offsets, tilted
+from .known_steps import LANES, Directions, FunctionCalls, Known, Steps, Wanted, column_offsets, tilted
 from .marching import UNIT, Text
 from .newton import SolvedEquations
 from .records import FORCES, Body, Parts, State
@@ -183,19 +183,19 @@ def tangent_size(parts: Parts) -> int:
 
 
 @lru_cache
-def linearised(text: Text, parts: Parts, wanted: Wanted) -> Kernel:
+def linearised(text: Text, parts: Parts, wanted: Wanted, fractions: tuple[float, ...]) -> Kernel:
     """Return the kernel that makes matrices of `Steps`, with the columns of the inputs that are wanted."""
-    offsets, n = column_offsets(tangent_size(parts), wanted), parts.lanes
-    directions = Directions(offsets, width := offsets[""])
+    offsets, n = column_offsets(tangent_size(parts), wanted, parts.nodes), parts.lanes
+    directions = Directions(offsets, width := offsets[""], True)
 
     def kernel(address: Any) -> None:
         b = View(Steps, doubles(address))
-        body, x = View(Body, b.body).read(), View(KnownStep, doubles(b.workspace), n)
-        scale, out = b.factor[0] / body.unit, b.out
-        calls = FunctionCalls(parts, b, dict(wanted), is_done=text.is_midpoint)
+        body, out = View(Body, b.body).read(), b.out
+        scale = b.factor[0] / body.unit
+        calls = FunctionCalls(parts, b, dict(wanted), fractions=fractions, is_done=text.is_midpoint)
         for k in loop(0, smaller(LANES, b.steps - b.first), n):
-            read_steps(parts, b, lambda _: x, 1, b.first + k)
-            found, is_stalled = step_derivatives(text, body, x, scale, directions, calls)
+            read_steps(parts, b, calls.node, parts.nodes, b.first + k)
+            found, is_stalled = step_derivatives(text, body, scale, directions, calls)
             for _ in when(any_of(is_stalled)):
                 b.failed = b.failed + 1
             for i, y in enumerate(found):
@@ -237,17 +237,17 @@ def read_loads(parts: Parts, b: View, lane: View, k: Any) -> None:
 
 
 def step_derivatives(
-    text: Text, body: Body, at: View, scale: Any, directions: Directions, calls: FunctionCalls
+    text: Text, body: Body, scale: Any, directions: Directions, calls: FunctionCalls
 ) -> tuple[list[Any], Any]:
     """Take the step, and return the changes at its end as duals, and the mask of steps that are not solved."""
-    calls, parts = calls._replace(solved=SolvedEquations()), calls.parts
+    calls, parts, at = calls._replace(solved=SolvedEquations()), calls.parts, calls.node(0)
     W, N = at.W @ body.basis, turned_into(body.basis.T, at.N) if parts.is_director_scheme else ()
     if parts.calls and text.is_midpoint:
         call_at_middle(calls, at)
-    here = Known(calls, body, at, scale, Directions({}, 0))
+    here = Known(calls, body, calls.node, scale, Directions({}, 0))
     is_stalled = text.step(here, here.start(text, W, N), at.h == at.h).stalled
     calls.solved.begin()
-    return changes_of(text, Known(calls, body, at, scale, directions), W, N), is_stalled
+    return changes_of(text, Known(calls, body, calls.node, scale, directions), W, N), is_stalled
 
 
 def call_at_middle(calls: FunctionCalls, at: View) -> None:
@@ -282,7 +282,7 @@ class Loaded(Directions):
     """Directions whose derivatives lie in memory, some lanes at a time; at places that are not used they are 0."""
 
     def __init__(self, offsets: dict[str, int], memory: Any, stride: Any, used: frozenset[int]) -> None:
-        super().__init__(offsets, 1)
+        super().__init__(offsets, 1, True)
         self._memory, self._stride, self._used = memory, stride, used
 
     def tangents(self, place: int) -> list[Any]:
@@ -293,13 +293,15 @@ class Loaded(Directions):
 @lru_cache
 def forward_run(text: Text, parts: Parts, wanted: Wanted, inputs: tuple[int, ...]) -> Kernel:
     """Return the kernel that takes the steps of a run and carries changes along; `inputs` are the places of those."""
-    offsets, used = column_offsets(tangent_size(parts), wanted), frozenset((*range(tangent_size(parts)), *inputs))
+    rows = tangent_size(parts)
+    offsets, used = column_offsets(rows, wanted, parts.nodes), frozenset((*range(rows), *inputs))
     none, side = Directions({}, 0), machine_code.lanes()
 
     def kernel(address: Any) -> None:
         b = View(Steps, doubles(address))
         changes, count = b.state, b.padded
-        body, x = View(Body, b.body).read(), View(KnownStep, doubles(b.workspace))
+        body, calls = View(Body, b.body).read(), FunctionCalls(parts, b, dict(wanted), SolvedEquations())
+        nodes = [calls.node(j) for j in range(parts.nodes)]
         scale, memory = b.factor[0] / body.unit, View(State, b.carried)
         begin, W = entered(body, b.start, b.start.shifted(4))
         for _ in when(b.is_first != 0):
@@ -308,21 +310,22 @@ def forward_run(text: Text, parts: Parts, wanted: Wanted, inputs: tuple[int, ...
         state = memory.read()
         v = Variables(state=state._replace(auxiliary=state.auxiliary[: text.auxiliary]), done=0)
         for i in loop(b.steps, whilst=lambda: b.failed == 0):
-            x.h = b.sizes[i]
-            read_loads(parts, b, x, i)
+            nodes[0].h = b.sizes[i]
+            for j, node in enumerate(nodes):
+                read_loads(parts, b, node, parts.nodes * i + j)
             add_own(b, i, True)
-            now, at, calls = v.state, x.read(), FunctionCalls(parts, b, dict(wanted), SolvedEquations())
+            now, known = v.state, [node.read() for node in nodes].__getitem__
             R, W = attitude(now.p), parts.velocity(body, now.s)
             N = Symmetric(*now.auxiliary[:6]) if parts.is_director_scheme else ()
-            found = text.step(Known(calls, body, at, scale, none, R), now, at.h == at.h)
+            found = text.step(Known(calls, body, known, scale, none, R), now, known(0).h == known(0).h)
             calls.solved.begin()
             values = Loaded(offsets, changes, count, frozenset())  # which stand outside of the loop
-            changes_of(text, Known(calls, body, at, scale, values, R, now), W, N)
+            changes_of(text, Known(calls, body, known, scale, values, R, now), W, N)
             for first in loop(0, count, side):
                 own_changes = changes.shifted(first)
                 directions = Loaded(offsets, own_changes, count, used)
-                known = Known(calls, body, at, scale, directions, R, now)
-                for r, y in enumerate(changes_of(text, known, W, N)):
+                varied = Known(calls, body, known, scale, directions, R, now)
+                for r, y in enumerate(changes_of(text, varied, W, N)):
                     own_changes.store(r * count, tangent(y, 0), side)
             for _ in when(found.stalled | found.far | logical_not(found.gap <= UNIT)):
                 b.failed = b.failed + 1

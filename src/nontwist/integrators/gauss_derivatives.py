@@ -90,7 +90,7 @@ def linearised_stages(s: int, motion: str, parts: Parts, wanted: Wanted) -> Kern
         body = View(Body, b.body).read()
         for k in loop(0, smaller(LANES, b.steps - b.first), parts.lanes):
             steps = Collocation(s, motion, parts, wanted, b, body)
-            read_steps(parts, b, steps.node, s, b.first + k)
+            read_steps(parts, b, steps.calls.node, s, b.first + k)
             for _ in when(any_of(steps.solve())):
                 b.failed = b.failed + 1
             for _ in when(any_of(steps.have_other_ends())):
@@ -108,10 +108,9 @@ class Collocation:
         self.columns, n, self.table = column_offsets(6, wanted, s), parts.lanes, b.table
         self.calls = FunctionCalls(parts, b, self.wanted)
         self.names = VECTOR[: VECTORS.get(motion, 0)]  # the vectors g
-        self._node_size = (size_of(KnownStep) + self.calls.size) * n
-        self._nodes, at = doubles(b.workspace), s * self._node_size
-        self.stages = Stages(self._nodes.shifted(at), self.table, s, n, n, False)
-        memory, made = Scratch(self._nodes.shifted(at + WIDTH * size_of(Stage) * n), n), list[Blocks]()
+        stages = doubles(b.workspace).shifted(s * self.calls.node_size)
+        self.stages = Stages(stages, self.table, s, n, n, False)
+        memory, made = Scratch(stages.shifted(WIDTH * size_of(Stage) * n), n), list[Blocks]()
         for rows, columns in matrices(s, self.columns[""]).values():
             made.append(Blocks(memory, rows, columns))
             memory = memory.shifted(rows * columns)
@@ -121,13 +120,9 @@ class Collocation:
 
     # What is known.
 
-    def node(self, j: Any) -> View:
-        """Return what is known of a node; all but what acts there stands in the first one."""
-        return View(KnownStep, self._nodes.shifted(j * self._node_size), self.parts.lanes)
-
     def equations(self, offsets: dict[str, int], count: int) -> StageEquations:
         """Return the equations, of numbers that have derivatives in the directions at these places."""
-        known = KnownStages(self.calls, self.body, self.node, self.scale, Directions(offsets, count))
+        known = KnownStages(self.calls, self.body, self.calls.node, self.scale, Directions(offsets, count))
         motion = "moved" if self.motion == "steady" else self.motion
         return StageEquations(motion, known, self.stages, ZEROS)
 
@@ -158,7 +153,7 @@ class Collocation:
 
     def solve(self) -> Any:
         """Find V and g of the stages, the rows, U and T; return the mask of steps that are not solved."""
-        at, body = self.node(0), self.body
+        at, body = self.calls.node(0), self.body
         self.h, B = at.h, body.basis
         R, self.W = attitude(at.p) @ B, (at.W @ B, at.ahead @ B)
         e = self.equations({}, 0)
@@ -381,7 +376,7 @@ class Collocation:
         if known.turn is not None:
             turn = turn + in_direction(known.turn, j) @ self.turn
         if self.parts.orbit:
-            (n, o), at = known.orbit, self.node(0)
+            (n, o), at = known.orbit, self.calls.node(0)
             n, o = in_direction(n, j), o @ (attitude(at.q) @ self.body.basis)
             angle = tangent(n * in_direction(known.h, j), 0)
             turn = turn + Vector(*(Dual(zero, [angle * x]) for x in o))
@@ -403,25 +398,20 @@ def in_direction(x: Any, j: int) -> Any:
 
 
 class KnownStages(Known):
-    """What acts at the stages of steps of which all is known; `nodes` returns the record of one."""
+    """What acts at the stages of steps of which all is known."""
 
-    def __init__(self, calls: FunctionCalls, body: Body, nodes: Any, scale: Any, directions: Directions) -> None:
-        super().__init__(calls, body, nodes(0), scale, directions)
-        self._nodes, self._steps = nodes, calls.block
+    def __init__(self, calls: FunctionCalls, body: Body, known: Any, scale: Any, directions: Directions) -> None:
+        super().__init__(calls, body, known, scale, directions)
         self.force = directions.along("force", Matrix(*(ZEROS,) * 3)) if "force" in directions.offsets else None
 
     @property
     def orbit(self) -> tuple[Any, Vector]:
         """The rate of the orbit, and its axis in space."""
-        return self.vary.along("orbit", self._steps.orbit[0]), vector_at(self._steps.orbit, 1)
-
-    def known(self, j: Any) -> Any:
-        """Return what is known of a node."""
-        return self._nodes(j)
+        return self.vary.along("orbit", self.calls.block.orbit[0]), vector_at(self.calls.block.orbit, 1)
 
     def fraction(self, j: Any) -> Any:
         """Return how far into the step a node is; seen from an orbit, no time passes in it."""
-        return 0.0 if self.parts.orbit else self._steps.table[TABLE.nodes + j]
+        return 0.0 if self.parts.orbit else self.calls.block.table[TABLE.nodes + j]
 
     def evaluate(self, i: Any, W: Vector, g: Any, is_sloped: bool) -> None:
         """Evaluate the functions of the state at a stage."""

@@ -145,7 +145,7 @@ class Linearised:
         _, self.middles = scheme.stages(found)
         s, more = len(self.middles), wanted & {"moving", "space", "damping", "dead", "spin"}
         more_parts: dict[str, Any] = dict.fromkeys(more, True)
-        parts = found._replace(lanes=machine_code.lanes(), forces=False, **more_parts)
+        parts = found._replace(lanes=machine_code.lanes(), nodes=s, forces=False, **more_parts)
         self.see_attitude = parts.space or parts.dead or parts.calls or parts.orbit
         self.rows, self.input_maps = tangent_size(parts), input_maps_of(body)
         self.frame = self.input_maps["axis"].T if np.any(self.input_maps["axis"] != np.eye(3)) else None
@@ -157,8 +157,8 @@ class Linearised:
             make = scheme.linear(parts, sizes)
             self._scratch = LANES * scratch_size(s, self.width, 6 * seeds.shape[1])
         else:
-            make = linearised(text, parts, sizes)
-            self._scratch = LANES * (size_of(KnownStep) + 3 * seeds.shape[1])
+            make = linearised(text, parts, sizes, tuple(self.middles.tolist()))
+            self._scratch = LANES * s * (size_of(KnownStep) + 3 * seeds.shape[1])
             if not called:
                 self.forward_run = partial(forward_run, text, parts._replace(lanes=1), sizes)
         self._given: dict[str, Any] = {"rows": self.rows, "width": self.width, "make": make.address, "body": body}

@@ -359,6 +359,7 @@ test_wrong_observable = refused_as(
     {
         "of the package": lambda: OBSERVABLES.update(kinetic_energy=Observable(rising, "J", "energy", "K")),
         "not a name": lambda: OBSERVABLES.update({"nutation angle": Observable(rising, "rad", "angle", "θ")}),
+        "dims": lambda: Observable(rising, "rad", "Euler angles", "ψθφ", ("angle",)),
         "shape": lambda: observed(rising),
         "misspelt": lambda: observed(lambda state: state.kinetic_enery),
     },

@@ -35,7 +35,7 @@ from numpy.typing import NDArray
 
 from ..geometry.arrays import Array, Dataset, axial, dot
 from ..geometry.attitudes import PLACES, States, director_velocities, entries
-from ..geometry.values import among, as_list, nearest, short_repr
+from ..geometry.values import among, as_list, nearest, require_among, short_repr
 from ..loads import Load
 from ..loads.friction import ROUND_OFF
 from ..loads.memory_terms import recorded_wheels
@@ -170,6 +170,10 @@ class Observable:
     long_name: str
     symbol: str
     dims: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        for dim in self.dims:
+            require_among(dim, "each of the dims of an observable", tuple(SIZES))
 
     def values(self, name: str, state: Any, axes: tuple[int, ...]) -> Array:
         """Return the values for states with these leading axes."""

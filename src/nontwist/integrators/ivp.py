@@ -286,10 +286,6 @@ class Outputs:
         """Return how many outputs lie before the end of a step, those at its beginning among them."""
         return int(np.searchsorted(self.node, step, side="right"))
 
-    def is_at(self, step: int) -> bool:
-        """Return whether an output is the beginning of a step."""
-        return bool(np.any((self.node == step) & (self.since == 0.0)))
-
 
 class March(NamedTuple):
     """The stored states of one run as directors; of a run that failed, those before the failure.

@@ -194,7 +194,10 @@ def test_directions_are_principal_axes():
         along = TRACELESS.T @ (entries(one.matrix) * [1, 1, 1, 2, 2, 2])
         assert np.sqrt(1 / (along @ fit.solution.information @ along)) == pytest.approx(one.standard_error)
         assert one.name.startswith(("the principal moment ", "the difference of the ", "the directions of the "))
-    said("; ".join(ax.get_title() for ax in fit.plot().figure.axes))
+    panels = {ax.get_title(): ax for ax in fit.plot().figure.axes}
+    said("; ".join(panels))
+    (bars,) = panels["principal moments"].containers[0].lines[2]
+    assert np.array(bars.get_segments())[:, :, 1] == pytest.approx(fit.principal.intervals)
 
 
 # The interval

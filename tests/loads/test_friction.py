@@ -332,7 +332,9 @@ def test_ever_slower_sliding(axis, monkeypatch):
     body, load = nt.heavy_top([1.1, 1, 0.4], 1.3, (0, 0, 0.8)), nt.damping(1e3) + nt.dry_friction(0.5, axis)
     run = nt.simulate(body, t_end=4500, rotation=Rotation.from_euler("x", 1.2), load=load)
     assert run.directors.values[-1, 2, 1] == pytest.approx(-0.5 / (1.3 * 9.81 * 0.8), rel=1e-10)
-    assert not run.material_angular_velocity.values[-1].any()
+    speed = abs(run.material_angular_velocity.values).max(axis=1)
+    assert speed[-1] == 0
+    assert speed[speed > 0].min() > np.finfo(float).eps / 4500  # a slower one turns it by nothing in all that time
     assert run.sticking.values[-1].all()
 
 

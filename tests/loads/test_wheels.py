@@ -174,6 +174,7 @@ def test_works_of_motors_between_steps(how, near):
         ),
         ('kind = "wheel", axis = "z", inertia = 0.2, coulomb = -1', r"load\.0\.coulomb"),
         ('kind = "dry_friction", limit = -1', r"load\.0\.limit"),
+        ('kind = "pulse", frame = "body", amplitude = [1, 0, 0], start = 2, end = 1', r"load\.0\.end"),
     ],
 )
 def test_run_file_errors(load, words, write):

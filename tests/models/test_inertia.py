@@ -89,8 +89,9 @@ def test_points_on_a_slanted_line(seed):
     beside = inertia.of_points(m, np.outer(s, n) + rng.normal(size=3), about="centre_of_mass")
     for J in (inertia.of_points(m, np.outer(s, n)), beside):
         assert abs(suslov(J, n).inertia @ n).max() < 1e-14 * np.trace(J)
-        with pytest.raises(ValueError, match="inertia is not positive definite"):
-            standard(J)
+        for size in 10.0 ** np.arange(-9, 12):
+            with pytest.raises(ValueError, match="inertia is not positive definite"):
+                standard(size * J)
     assert np.linalg.eigvalsh(inertia.of_points(np.ones(20), np.outer(s, n), about=(1, 2, 3)))[0] > 0.01
 
 

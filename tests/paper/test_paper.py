@@ -34,6 +34,7 @@ def drawing(*formats):
 
     def savefig(figure, place, format, **how):
         if format in formats:
+            assert all(ax.has_data() for ax in figure.axes)
             sound(figure, place, format=format, **how)
 
     sound = Figure.savefig

@@ -179,6 +179,7 @@ def test_refusals(folder, monkeypatch):
         (2, "--fps", "9"),
         (2, "--seconds", "9", "--png", "x.png"),
         (2, "--width", "500"),
+        (2, "--png", "x.png", "--width", "4097"),
         (2, "--dark"),
         (2, "--gif", "film.mp4"),
         (2, "--at", "1"),

@@ -441,6 +441,8 @@ def test_class_is_replaced():
     with patch.dict(INTEGRATORS):
         first, second = (example("integrator")["MuntheKaas"] for _ in range(2))
         assert first is not second is INTEGRATORS["munthe-kaas"]
+        with pytest.raises(ValueError, match=r"^'munthe-kaas' is already the key of the class MuntheKaas"):
+            INTEGRATORS["munthe-kaas"] = scheme("MuntheKaas", MuntheKaas, name="munthe-kaas", orders=(2,))
 
 
 HEUN = ((0, 1 / 3, 2 / 3), (1 / 4, 0, 3 / 4))  # nodes and weights of Heun's scheme of order 3

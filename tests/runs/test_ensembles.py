@@ -63,6 +63,7 @@ def test_free_bodies_keep_invariants():
     many = nt.simulate_ensemble(bodies, **arguments, t_end=1, step=0.01, order=4, reduce=["drift", "extrema"])
     assert (many.energy_drift / many.kinetic_energy_max).max() <= 1e-12
     assert (many.momentum_drift / abs(many.spatial_momentum_max).max("axis")).max() <= 1e-12
+    assert many.momentum_drift.long_name.endswith("of the spatial angular momentum")
 
 
 def same_bits(one, other):

@@ -224,9 +224,9 @@ def _listed(comparison: Dataset, names: list[str]) -> str:
     return "; ".join(f"{family} {', '.join(rest)}".strip() for family, rest in families.items()) or "none"
 
 
-def _last(orders: Array) -> str:
+def _last(orders: Array, none: str = NONE) -> str:
     measured = orders[~np.isnan(orders)]
-    return f"{measured[-1]:.1f}" if measured.size else NONE
+    return f"{measured[-1]:.1f}" if measured.size else none
 
 
 def table(comparison: Dataset) -> Table:
@@ -276,7 +276,11 @@ def table(comparison: Dataset) -> Table:
             if run["status"] != 0:
                 table.add_row(first, failed(run["status"]))
                 continue
-            cells = [cell for of in ("attitude", "momentum") for cell in (_error(run, of), _order(run, of))]
+            cells = list[str]()
+            for of in ("attitude", "momentum"):
+                below = "<" * bool(run[f"{of}_below_bar"])
+                error = short(float(run[f"{of}_{'reference_error' if below else 'error_max'}"]))
+                cells += f"{below}{error}", _last(run[f"{of}_order"].values[None], "")
             kept = [drift_cell(float(drift)) for drift in invariant_drifts(run)]
             table.add_row(first, *cells, *kept, milliseconds(float(run["run_time"])))
         table.add_section()
@@ -288,13 +292,3 @@ def table(comparison: Dataset) -> Table:
     )
     table.caption = "\n".join(["", *explained(notes), legend])
     return table
-
-
-def _error(run: Dataset, of: str) -> str:
-    below = bool(run[f"{of}_below_bar"])
-    return "<" + short(float(run[f"{of}_reference_error"])) if below else short(float(run[f"{of}_error_max"]))
-
-
-def _order(run: Dataset, of: str) -> str:
-    order = float(run[f"{of}_order"])
-    return "" if np.isnan(order) else f"{order:.1f}"

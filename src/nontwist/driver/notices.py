@@ -121,12 +121,8 @@ def phase_error(scheme: Integrator, problem: IVP, fastest: float) -> float:
     """Return by how much a steady rotation at `fastest` rad/s is off at the end, rad."""
     if scheme.turns_exactly(problem):
         return 0.0
-    grid = problem.grid
-    turn = fastest * grid.longest
-    rotation = turn * (problem.t_end - problem.t_start) / grid.longest
-    if turn * turn * rotation < COARSE * 1e-3:  # of order 2 it is at most θ² / 12 of the whole rotation
-        return turn * turn * rotation / 12
-    return (problem.t_end - problem.t_start) / grid.longest * scheme.lag(turn)
+    h = problem.grid.longest
+    return (problem.t_end - problem.t_start) / h * scheme.lag(fastest * h)
 
 
 def unremarkable(scheme: Integrator, step: float, span: float) -> float:

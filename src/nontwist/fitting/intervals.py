@@ -45,7 +45,6 @@ EXPLAINED = 2.0  # times the noise: residuals that it explains
 LIKELY = 0.05  # residual of the weak form: larger ones need no fit
 FEWEST, CALLS = 20, 20  # samples of a window; trials of a fit
 MORE = 2.0  # times the residuals that a window may leave: those of rough fits in lanes that need no other
-ROUNDER = 0.03  # weight of a sphere, where a window leaves J along a rotor open, and so the sign of its momentum
 FALL, SHORTEST = 0.3, 0.1  # g; s
 
 
@@ -199,13 +198,11 @@ class Search:
         turned = half / duration * (self.angle[last - 1] - self.angle[first]) * self.speeds(first, last)
         every = np.where(whole[:, None, None], allowed(self.model, rows), 0.0).reshape(len(first), -1, rows.shape[2])
         every, samples = every / (turned[:, None, None] + 1e-300), 3 * whole.reshape(len(first), -1).sum(axis=1)
-        found, wheel = np.full(len(first), np.inf), self.model.wheel
-        for round_by in (0.0, *([] if wheel is None else [ROUNDER])):
-            w, left = balanced(every, self.model, round_by)
-            told = (w[:, -1] > 0) | (wheel is None or wheel.axis is None or self.model.pivot is not None)
-            misfit = np.sqrt((left**2).sum(axis=1) / np.maximum(samples, 1))
-            found = np.where(np.isinf(found) & told & (samples >= every.shape[2]), misfit, found)
-        return found
+        w, left = balanced(every, self.model, 0.0)
+        wheel, enough = self.model.wheel, samples >= every.shape[2]
+        told = (w[:, -1] > 0) | (wheel is None or wheel.axis is None or self.model.pivot is not None)
+        misfits = np.sqrt((left**2).sum(axis=1) / np.maximum(samples, 1))
+        return np.where(told & enough, misfits, np.inf)
 
     def speeds(self, first: NDArray[np.intp], last: NDArray[np.intp]) -> Array:
         """Return the speeds of the body in windows, r.m.s., rad/s."""

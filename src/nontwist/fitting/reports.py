@@ -256,8 +256,7 @@ def drawn(fit: Fit, recording: int) -> Axes:
         is_told = np.isfinite(found.moments)
         shown, value = np.flatnonzero(is_told), found.moments[is_told]
         errors = abs(found.intervals[is_told].T - value)
-        if len(shown):
-            moments.errorbar(shown + 1, value, errors, fmt="o", markersize=3, capsize=4, color="0.1")
+        moments.errorbar(shown + 1, value, errors, fmt="o", markersize=3, capsize=4, color="0.1")
         how: dict[str, Any] = {"ha": "center", "va": "center", "rotation": 90, "color": "0.4"}
         for place in (1 + np.flatnonzero(~is_told)).tolist():
             moments.text(place, 0.45, "undetermined", transform=moments.get_xaxis_transform(), **how)

@@ -76,7 +76,7 @@ class Exact(Integrator):
         problem = with_tables_as_moments(problem)
         self.require(problem)
         systems, load, times = problem.systems, problem.load, problem.stored_times
-        is_gyrostat = bool(load.rotor_momentum(times[:1]).any())
+        is_gyrostat = bool(load.rotor_momentum([problem.t_start]).any())
         if is_gyrostat or _acts(load, nontwisting_body.edges_of(load, np.array([problem.t_start, times[-1]]))):
             if m > 1:
                 return one_by_one(self.march, problem, threads)

@@ -195,19 +195,6 @@ class IVP:
         """The sections of equal steps."""
         return self.segments or segmented((self.t_start, self.t_end), (self.steps,))
 
-    @property
-    def step(self) -> float:
-        """The step size h, s.
-
-        Raises
-        ------
-        ValueError
-            Steps have different sizes: use `step_at`.
-        """
-        if len(self.grid.sizes) > 1:
-            raise ValueError("the steps of this grid are not all equal: step_at(k) is the size of the step k")
-        return self.grid.sizes[0]
-
     def step_at(self, k: Any) -> Any:
         """Return the size of step number `k`, s, or of each of several."""
         return self._arrays[2][self.segment_of(k)]
@@ -298,10 +285,6 @@ class Outputs:
     def before(self, step: int) -> int:
         """Return how many outputs lie before the end of a step, those at its beginning among them."""
         return int(np.searchsorted(self.node, step, side="right"))
-
-    def is_at(self, step: int) -> bool:
-        """Return whether an output is the beginning of a step."""
-        return bool(np.any((self.node == step) & (self.since == 0.0)))
 
 
 class March(NamedTuple):

@@ -319,7 +319,8 @@ class StackMarch:
             self._leave(self.groups[0], (0, 1), last, done)
             if stack.intervals:
                 self.arrays["intervals"][0, done, : SUMS.work] *= length / passed
-            if self.outputs is not None and self.outputs.is_at(last):
+            outputs = self.outputs
+            if outputs is not None and np.any((outputs.node == last) & (outputs.since == 0.0)):  # one is there
                 end = None
         return Failure(Status.INTERRUPTED, last, np.nan, np.nan, reason), end
 

@@ -7,12 +7,13 @@ nothing reordered, nothing contracted: floats, one body and bodies in lanes have
 
 from __future__ import annotations
 
+import ctypes
 import math
 import operator
+import os
 import struct
 from collections.abc import Callable
-from fractions import Fraction
-from functools import lru_cache
+from functools import cache, lru_cache
 from typing import Any, ClassVar
 
 import numpy as np
@@ -365,11 +366,15 @@ def fma(a: Any, b: Any, c: Any) -> Any:
         return call_function("fma", a, b, c) if writer().is_fused else a * b + c
     if not all(isinstance(x, (float, int)) for x in (a, b, c)) or not machine_code.is_fused():
         return a * b + c
-    try:
-        exact = Fraction(float(a)) * Fraction(float(b)) + Fraction(float(c))
-        return np.float64(float(exact)) if exact else a * b + c
-    except (ValueError, OverflowError):  # not finite, or not to be
-        return a * b + c
+    return np.float64(_fma_of_floats()(a, b, c))
+
+
+@cache
+def _fma_of_floats() -> Callable[..., float]:
+    """Return that of the C library."""
+    function = ctypes.CDLL("ucrtbase" if os.name == "nt" else None).fma
+    function.restype, function.argtypes = ctypes.c_double, [ctypes.c_double] * 3
+    return function
 
 
 def select(mask: Any, a: Any, b: Any) -> Any:

@@ -409,13 +409,13 @@ def recorded_wheels(records: Sequence[Record]) -> list[Column]:
 
 
 def carried_on(z: Array, had: Sequence[Column], sizes: Sequence[int]) -> Array:
-    """Return internal states, (..., k), of a run with the wheels `had` as those of a load whose wheels have so many.
+    """Return internal states, (n, k), of a run with the wheels `had` as those of a load whose wheels have so many.
 
     Momenta continue, and so do works and losses that both have; the others are 0.
     """
     kept = [a.place + k if k < a.size else -1 for a, size in zip(had, sizes, strict=False) for k in range(size)]
-    others = range(sum(one.size for one in had), z.shape[-1])
-    return np.insert(z, z.shape[-1], 0.0, axis=-1)[..., [*kept, *others]]
+    others = range(sum(one.size for one in had), z.shape[1])
+    return np.insert(z, z.shape[1], 0.0, axis=1)[:, [*kept, *others]]
 
 
 def _works(record: Record) -> bool:

@@ -353,11 +353,11 @@ def _dates(values: NDArray[Any], name: str) -> Clock:
     texts, order = texts.replace({"": None, "nan": None}), ""
     dates = texts.str.extract(r"^(\d\d?)/(\d\d?)/\d{4}(?=\D|$)").dropna().astype(int)
     if not dates.empty:
-        above = [bool((dates[k] > 12).any()) for k in (0, 1)]
-        if above[0] == above[1]:
-            why = "both the first and the second number are above 12 in some row" if above[0] else "neither is above 12"
+        day = [bool((dates[k] > 12).any()) for k in (0, 1)]
+        if day[0] == day[1]:
+            why = "both the first and the second number are above 12 in some row" if any(day) else "neither is above 12"
             raise InputError("day-or-month", name=name, value=texts[dates.index[0]], why=why)
-        order = f", {'day/month' if above[0] else 'month/day'}/year, as the numbers above 12 show"
+        order = f", {'day/month' if day[0] else 'month/day'}/year, as the numbers above 12 show"
     for written, iso in (
         (r"^(\d{4}/\d\d/\d\d)/(?=\d)", r"\1 "),  # rosbag_to_csv
         (r"^(\d{4})/(\d\d)/(\d\d)", r"\1-\2-\3"),

@@ -189,7 +189,7 @@ def document(name: str, content: bytes, size: int = 0) -> dict[str, Any]:
     if (size := max(size, len(content))) > LARGEST:
         accepted = f'at most {LARGEST / 1e6:g} MB; a long table goes into a CSV file: [[load]] kind = "csv"'
         raise _refused(name, "the file", f"{size / 1e6:.7g} MB", accepted)
-    if content[:2] in (b"\xff\xfe", b"\xfe\xff"):
+    if content.startswith((b"\xff\xfe", b"\xfe\xff")):
         raise _refused(name, "line 1", "UTF-16 text", "UTF-8 text: save the file in this encoding")
     try:
         text = content.decode("utf-8-sig")

@@ -327,6 +327,14 @@ class Wave(Term):
 
 
 @dataclass(frozen=True, eq=False)
+class Headed(Term):
+    heading: Annotated[Array, Spec("", shape=(3,), rule="direction in space")]
+
+    def space_moment(self, t):
+        return np.sin(2 * np.pi * 0.7 * t) * self.heading
+
+
+@dataclass(frozen=True, eq=False)
 class Tips(DirectorForces):
     """A dead force on each director."""
 
@@ -352,7 +360,7 @@ def test_user_field_rules(wrong):
         Ruled(**good | wrong)
 
 
-KINDS = {"needle": Needle, "cord": Cord, "wave": Wave, "tips": Tips}
+KINDS = {"needle": Needle, "cord": Cord, "wave": Wave, "tips": Tips, "headed": Headed}
 SPRING, CORD = nt.spring(3, (0, 0.2, 1), (1, 0.5, 1), 0.8), Cord(3, (0, 0.2, 1), 0.8)
 WAVE = Wave((1, 2, 3), 0.7)
 PAIRS = {  # a load, that of the package, and a number of the first as one of the other, and how many times it changes
@@ -414,3 +422,9 @@ def test_fields_are_parameters():
     assert g.gradient.values == pytest.approx(last[-1] @ d.d_rotation.values[-1], abs=1e-13)
     many = nt.simulate_ensemble(body, **how, **START, load_scale=[1.0, 2.0])
     assert abs(many.quaternion[0, -1] - d.quaternion[-1]).max() < 1e-14
+    n = np.array([1, 2, 2]) / 3  # of a direction changes across it alone count
+    pairs = (Wave(n, 0.7), "wave"), (Headed(3 * n), "heading")
+    by_wave, by_heading = (
+        nt.sensitivities(body, **how | {"load": one}, wrt=[name], **START).d_rotation.values[-1] for one, name in pairs
+    )
+    assert by_heading == pytest.approx(by_wave @ (np.eye(3) - np.outer(n, n)), abs=1e-14)

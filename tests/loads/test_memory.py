@@ -114,6 +114,8 @@ def test_a_stepper_has_internal_states():
     loop = nt.stepper(standard(J), 0.1, integrator="gauss", order=8, load=load())
     state = loop.reset(material_angular_velocity=START)
     assert state.internal_state == tuple(Z0)
+    rubbed = nt.stepper(standard(J), 0.1, integrator="gauss", load=load() + nt.dry_friction(0.1, "x"))
+    assert rubbed.reset(material_angular_velocity=START).internal_state == tuple(Z0)
     kept, state = loop.step(), loop.step()
     run = simulate(standard(J), **HOW, load=load())
     assert state.internal_state == pytest.approx(run.internal_state.values[2], abs=1e-14)

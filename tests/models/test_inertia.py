@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from conftest import random_inertia
-from nontwist import inertia, nontwisting, rotation, simulate, standard, suslov, twist
+from nontwist import damping, inertia, integrate, nontwisting, rotation, simulate, standard, suslov, twist
 from nontwist.inertia import principal_frame
 from nontwist.models import mesh
 from refusals import refused_as
@@ -79,6 +79,15 @@ def test_points(body, about):
         close(inertia.of_points(m, x, about), about_point)
         close(inertia.shift(at_centre, m.sum(), centre - about), about_point)
         close(inertia.shift(about_point, m.sum(), about - centre, to_centre_of_mass=True), at_centre, 1e-12)
+
+
+def test_smallest_inertia():
+    """Of denormal numbers digits are lost, and their inverses overflow."""
+    J, how = np.array([2, 3, 4]), {"t_end": 2, "step": 0.1, "material_angular_velocity": (0.7, 1.1, 0.9)}
+    ends = [integrate(standard(J * c), load=damping(0.1 * c), **how).quaternion[-1] for c in (1.0, 1e-300)]
+    np.testing.assert_allclose(*ends, atol=1e-15)
+    with pytest.raises(ValueError, match=r"^inertia has the trace 9e-310, which is too small"):
+        standard(J * 1e-310)
 
 
 @pytest.mark.parametrize("seed", range(3))

@@ -334,6 +334,8 @@ def test_twist_of_few_states(sign):
     require_balance(found)
     plain = twist(integrate(body, step=0.05, store=12, **how), axis=[0, 0, sign])
     assert plain.twist_angle.values == pytest.approx(counted, abs=1e-12)
+    halves = fine.isel(time=slice(None, None, 2), midtime=slice(None, None, 2))  # means that are not of these intervals
+    assert twist(halves, axis=[0, 0, sign]).twist_angle.values[-1] == pytest.approx(counted[-1], abs=1e-5)
 
 
 def swaying(t):

@@ -268,6 +268,7 @@ def test_work_precision(loaded):
     assert floor.get_y() + floor.get_height() == pytest.approx(bar, abs=0)
     assert floor.get_y() == axes.get_ylim()[0] == pytest.approx(bar / 20, abs=0)
     assert lines[0].get_color() == lines[1].get_color() != lines[2].get_color()
+    assert len(set(lines[0].get_color())) > 1  # no grey
     assert lines[0].get_marker() != lines[1].get_marker()
     assert [line.get_marker() for line in over_steps.lines] == ["o", "s", ""]
     for each, legend in (

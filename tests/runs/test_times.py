@@ -115,7 +115,7 @@ def test_no_output_crosses_a_kink():
     assert run.load_work == pytest.approx(fine.load_work, abs=1e-9)
 
 
-@pytest.mark.parametrize("name", ["lie-midpoint", "split", "exact", "continuous"])
+@pytest.mark.parametrize("name", ["gauss", "lie-midpoint", "split", "exact", "continuous"])
 def test_members_and_prepared_runs(name):
     load, scale, W = SPACE, (1.0, 0.5, -2.0), RNG.normal(size=(3, 3))
     how = {"times": TIMES[::4], "integrator": name}

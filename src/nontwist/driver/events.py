@@ -176,8 +176,10 @@ class Part(NamedTuple):
         return [found.part(row) for row in places.reshape(times.shape)]
 
     def _inside(self, times: Array) -> States | None:
-        """Return states at times between the nodes; None where there is no series."""
-        if self.problem.marched is None:
+        """Return states at times between the nodes; None where one step after the other costs less than all."""
+        load, failure = self.problem.load, self.outcome.failure()
+        is_quick = load.is_compiled and not (load.is_dry or self.problem.off_grid or failure)
+        if self.problem.marched is None and not is_quick:
             return None
         found = completion.unchecked(self.scheme, replace(self.problem, output_times=times, intervals=False))
         own = found.states.part(0)  # with the signs of those before

@@ -10,15 +10,13 @@ import numpy as np
 
 from ..errors import warn
 from ..geometry.arrays import Array
-from ..geometry.attitudes import BASIS
 from ..kernels.machine_code import pointer_address
 from ..loads import Load
 from ..loads.functions import REMEDY, SMALLER, Moment
 from ..loads.load import state_moment_at
-from ..loads.load_derivatives import differenced, slopes_of, value_of
+from ..loads.load_derivatives import changes_of_field, differenced, slopes_of, value_of
 from ..loads.potentials import GravityGradient, Potential, Quadratic, Spring
 from ..loads.terms import ForceTerm, Term
-from ..spec import specs
 from .generalised import FUNCTION, MOMENT, OF_FORCES, OF_MOMENT, ORBITING, QUADRATIC, SPRING, TERM, generalised
 from .records import CALLED, pack
 
@@ -227,13 +225,7 @@ def numbers_of(term: Term) -> Array:
 def changes_of_numbers(term: Term, name: str) -> Array:
     """Return what `numbers_of` a term whose text is called change by, along each number of a field."""
     before = term.varying[: term.varying.index(name)]
-    value = np.asarray(getattr(term, name))
-    first = TERM.own + sum(np.size(getattr(term, other)) for other in before)
-    along, rule = np.eye(value.size), specs(type(term))[name][2].rule
-    if rule.startswith("direction"):
-        along = along - np.outer(value, value)
-    if rule == "symmetric":
-        along = BASIS.reshape(-1, value.size)
+    first, along = TERM.own + sum(np.size(getattr(term, other)) for other in before), changes_of_field(term, name)
     found = np.zeros((len(along), TERM.size))
-    found[:, first : first + value.size] = along
+    found[:, first : first + along.shape[1]] = along
     return found

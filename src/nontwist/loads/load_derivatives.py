@@ -19,7 +19,9 @@ from numpy.typing import NDArray
 
 from ..errors import warn
 from ..geometry.arrays import Array, as_floats
+from ..geometry.attitudes import BASIS
 from ..kernels.dual import Dual, plain, tangent
+from ..spec import specs
 from .functions import CFunction, checked, name_of, plainly
 from .memory_terms import Wheel
 from .potentials import ForceTable, Potential, PotentialFunction
@@ -52,6 +54,15 @@ def with_parameter(term: Term, name: str, value: Array) -> Term:
     return replace(term, **plain)
 
 
+def changes_of_field(term: Term, name: str) -> Array:
+    """Return what a field changes by along each of its numbers as a parameter, (count, numbers)."""
+    value, rule = np.asarray(getattr(term, name)), specs(type(term))[name][2].rule
+    if rule == "symmetric":
+        return BASIS.reshape(-1, value.size)
+    along = np.eye(value.size)
+    return along - np.outer(value, value) if rule.startswith("direction") else along
+
+
 def slopes_of_time(term: Term, name: str, times: Array, later: Array | None = None) -> Slopes:
     """Return the derivatives of a moment of the time, or of a table of forces, at (n,) times by a parameter.
 
@@ -69,7 +80,7 @@ def slopes_of_time(term: Term, name: str, times: Array, later: Array | None = No
         parameter = n * np.repeat(entry, n) + component
         found = Slopes(np.repeat(inside[row], n), component, parameter, np.repeat(term.scale * weight, n))
     else:
-        found = Slopes.of(term.scale * _derivatives_of_term(term, times, name))
+        found = Slopes.of(term.scale * _derivatives_of_term(term, times, name) @ changes_of_field(term, name).T)
     is_along = isinstance(term, ForceTable) and term.frame == "body"
     return found._replace(component=found.component + 9 * is_along)
 

@@ -35,6 +35,7 @@ if TYPE_CHECKING:
 
 SYMMETRY, TRIANGLE, PRINCIPAL = 1e-12, 1e-9, 1e-9
 CLEARLY = 1e-9  # determinant of a definite matrix, of the cube of its largest entry
+SMALLEST = 1e-300  # trace, kg m², of whose inverse no digit is lost
 
 
 def convected_inertia(E: ArrayLike) -> Array:
@@ -107,6 +108,10 @@ def checked_inertia(J: ArrayLike, physical: bool = True, axis: Array | None = No
     """Return `J`, (3, 3) or 3 principal values, as a symmetric (3, 3) array; errors as in `euler_inertia`."""
     J = _symmetric(as_tensor(J, "inertia", "3 principal moments or a (3, 3) array"), "inertia")
     physical = as_flag(physical, "physical")
+    if 0 < np.trace(J) < SMALLEST:
+        raise ValueError(
+            f"inertia has the trace {np.trace(J):g}, which is too small; the smallest accepted is {SMALLEST}"
+        )
     if _is_definite(np.trace(J) / 2 * np.eye(3) - J):  # E, so that J is definite, and its moments are those of a body
         return J
     a, b, c = principal = np.linalg.eigvalsh(J)

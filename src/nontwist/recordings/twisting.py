@@ -56,6 +56,7 @@ from .twist_noise import noise_level, noise_of_rounding, noise_of_twist, roundin
 NEAR = 8  # steps beside a gap that show how fast a body turns
 JUMP, SEEN = 5.0, 0.05  # times the steps around; rad
 ANTIPODAL = 1e-7
+SAME = 1e-9  # of a step, between times that are the same
 # Distance from the antipode of the start, rad, below which round-off of the axis hides on which side it is.
 _LOST = 16 * EPS
 
@@ -258,6 +259,9 @@ def _counted(motion: Any, count: int, n: Array) -> tuple[Array, Array] | None:
         run = as_dataset(motion, RUN)
         axis = recorded(run, "system")["axis"]
         time, mean, rate = (run[name].values for name in ("time", "mean_twist_rate", "twist_rate"))
+        middles, known, apart = (time[1:] + time[:-1]) / 2, run["midtime"].values, SAME * np.diff(time).max(initial=0.0)
+        if known.shape != middles.shape or not np.allclose(known, middles, rtol=0, atol=apart):
+            return None  # of some states, and other intervals than theirs
     else:
         return None
     along = float(n @ ((0.0, 0.0, 1.0) if axis is None else np.array(axis)))

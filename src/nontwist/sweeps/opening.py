@@ -105,7 +105,8 @@ def dataset(kept: SweepStore) -> Dataset:
         data = _lazy(kept, partial(_swept, kept.blocks, sweep, key), shape, array.dtype)
         found[key] = (("member", *own), data, attributes)
     used = {dim for dims, *_ in found.values() for dim in dims}
-    labels = {dim: labels for dim, labels in COORDINATES.items() if dim in used}
+    every = COORDINATES | {"wheel": [*range(1, 1 + len(kept.members.file.prepared.plan.load.wheels))]}
+    labels = {dim: labels for dim, labels in every.items() if dim in used}
     record = {"verified": int(bool(kept.blocks.seal)), "seal": kept.seal_words}
     return xarray.Dataset(found, labels, kept.attributes | record)
 

@@ -416,34 +416,55 @@ def test_user_step_with_several_calls():
         assert last(d, k) == pytest.approx(expected, abs=1e-10)
 
 
-def from_both_ends(nodes, state, is_active):
-    """Take an explicit step with a quarter of the moments at its beginning and three at its end."""
-    body, h, P = nodes.body, nodes.h, state.s
-    W, change = body.velocity_of(P), 0.0 * P
-    for j, weight in enumerate((0.25, 0.75)):
-        loads = nodes.loads(j)
-        wheel = cross(P + loads.rotor, W) - loads.rotor_rate - loads.damping @ W
+def explicit_step(nodes, state, h, moments):
+    """Take Euler's step, given the moments at its nodes and their weights."""
+    P, W, no = state.s, nodes.body.velocity_of(state.s), h < h
+    change, half = cross(P, W), 0.5 * h * W
+    for weight, loads in moments:
+        wheel = cross(loads.rotor, W) - loads.rotor_rate - loads.damping @ W
         called = None if loads.functions is None else loads.functions.moment(0.0 * W, W)
-        change = change + (weight * h) * sum_of(wheel, loads.moving, loads.space, called)
-    half, no = 0.5 * h * W, h < h
+        change = change + weight * sum_of(wheel, loads.moving, loads.space, called)
     p, c, gap = turned_by_half(state.p, state.c, half)
-    after, compensation = compensated(P, state.compensation, change)
+    after, compensation = compensated(P, state.compensation, h * change)
     found = Step(State(p, after, compensation, c, state.auxiliary), no, no, gap, 0.0 * h, 0.0 * h, half @ half)
     return found._replace(mu=0.0 * h, twist=0.0 * h, moment=0.0 * P, work=0.0 * h)
 
 
-class BothEnds(Compiled):
-    name, orders = "both-ends", (1,)
-    stages = staticmethod(lambda parts: (np.ones(1), np.array([0.0, 1.0])))
-    text = staticmethod(lambda motion: Text(from_both_ends))
+def from_both_ends(nodes, state, is_active):
+    """Take a step with a quarter of the moments at its beginning and three at its end."""
+    return explicit_step(nodes, state, nodes.h, [(0.25, nodes.loads(0)), (0.75, nodes.loads(1))])
+
+
+def in_two_parts(nodes, state, is_active):
+    """Take a quarter of the step, and the rest."""
+    first = nodes.node
+    for j, part in enumerate((0.25, 0.75)):
+        nodes.begin(first + j, state.p)
+        found = explicit_step(nodes, state, part * nodes.h, [(1.0, nodes.loads())])
+        state = found.state
+    return found
+
+
+@dataclass(frozen=True)
+class TwoNodes(Compiled):
+    name, orders = "two-nodes", (1,)
+    order: int = 1
+    is_parted: bool = False
+
+    def stages(self, parts):
+        return np.ones(1), np.array([0.0, 0.25 if self.is_parted else 1.0])
+
+    def text(self, motion):
+        return Text(in_two_parts if self.is_parted else from_both_ends)
 
 
 @pytest.mark.filterwarnings(IGNORED)
-def test_user_step_with_several_nodes():
+@pytest.mark.parametrize("is_parted", [False, True])
+def test_user_step_with_several_nodes(is_parted):
     """The columns of inputs of both nodes; of a function the time there; both kernels."""
     sampled, numbers = partial(test_derivatives.loaded, "all"), numbers_of("standard", 0.4)
     gust = nt.moment(lambda t, d, w: np.sin(3 * t) * d[1] - 0.2 * w, compiled=True)
-    wrt, how = [*START, "inertia", "duration", *test_derivatives.LOADED], {"integrator": BothEnds(order=1)}
+    wrt, how = [*START, "inertia", "duration", *test_derivatives.LOADED], {"integrator": TwoNodes(is_parted=is_parted)}
     test_derivatives.require_tangents(numbers, sampled, wrt, 4, **how)
 
     def with_gust(p):

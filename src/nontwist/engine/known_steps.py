@@ -212,7 +212,10 @@ class Known(Nodes):
     turn : Vector, how the body is turned at the beginning; None without derivatives
     tilt : Vector, how the frame is turned in the body; None where it is not
     now : State, that a march carries at the beginning; None: made from what is known
+    part : Matrix, how the body has turned since then where a part of the step begins; None in the first
     """
+
+    part: Matrix | None = None
 
     def __init__(
         self,
@@ -235,6 +238,10 @@ class Known(Nodes):
             self.turn = self.turn + self.tilt
         self.h = directions.along("step", self._at.h)
         self.body = self._varied(body._replace(spin=1.0))
+
+    def begin(self, node: Any, p: Quaternion) -> None:
+        """Begin a part of the step at its first node, with the attitude p."""
+        self.node, self.part = node, attitude(p if self.now is None else self.now.p.inverse @ p)
 
     def _varied(self, body: Body) -> Body:
         """Return the body with what of it has derivatives."""
@@ -289,24 +296,27 @@ class Known(Nodes):
 
     def moving(self, j: Any = 0) -> Vector:
         """Return the moment along the frame."""
+        j = self.node + j
         return self.tilted(self.vary.along("moving", self._scale * self.along(self.known(j).moving), j))
 
     def space(self, j: Any = 0) -> Vector:
         """Return the moment in space as seen at the beginning."""
+        j = self.node + j
         return self.to_material(self.vary.along("space", self._scale * self.known(j).space, j))
 
     def rotor(self, j: Any = 0) -> tuple[Vector, Vector]:
         """Return the momentum of the rotors and its rate."""
+        j = self.node + j
         c, rate = (self._scale * self.along(x) for x in (self.known(j).rotor, self.known(j).rate))
         return self.tilted(self.vary.along("rotor", c, j)), self.tilted(self.vary.along("rate", rate))
 
     def spin(self, j: Any = 0) -> Any:
         """Return the change of the prescribed spin."""
-        return self.vary.along("spin", self.known(j).spin)
+        return self.vary.along("spin", self.known(self.node + j).spin)
 
     def functions(self, j: Any = 0) -> Any:
         """Return the functions of the state."""
-        return LinearFunctions(self, self.calls, j)
+        return LinearFunctions(self, self.calls, self.node + j)
 
     def later(self, j: Any = 0) -> Any:
         """Return the changes of the time of a node, a number of value 0."""
@@ -320,7 +330,8 @@ class Known(Nodes):
     def to_material(self, x: Vector) -> Vector:
         """Return the components in b, at the beginning of the step, of a vector in space."""
         f = x @ self.R
-        return f if self.turn is None else varied(f, cross(f, self.turn))
+        f = f if self.turn is None else varied(f, cross(f, self.turn))
+        return f if self.part is None else f @ self.part
 
 
 def varied(x: Any, change: Any) -> Any:

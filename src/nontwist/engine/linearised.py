@@ -317,7 +317,7 @@ def forward_run(text: Text, parts: Parts, wanted: Wanted, inputs: tuple[int, ...
             now, known = v.state, [node.read() for node in nodes].__getitem__
             R, W = attitude(now.p), parts.velocity(body, now.s)
             N = Symmetric(*now.auxiliary[:6]) if parts.is_director_scheme else ()
-            found = text.step(Known(calls, body, known, scale, none, R), now, known(0).h == known(0).h)
+            found = text.step(Known(calls, body, known, scale, none, R, now), now, known(0).h == known(0).h)
             calls.solved.begin()
             values = Loaded(offsets, changes, count, frozenset())  # which stand outside of the loop
             changes_of(text, Known(calls, body, known, scale, values, R, now), W, N)

@@ -277,7 +277,8 @@ class Spring(Potential):
     def gradient_text(self, call: Call, x: Sequence[Any]) -> Vector:
         """Return ``-k (1 - L/ℓ) ρ``."""
         rho = Vector(*self.point.tolist())
-        slack = self.rest_length / sqrt(self.square - 2.0 * (rho @ Vector(*x))) if self.rest_length else 0.0
+        length = sqrt(larger(self.square - 2.0 * (rho @ Vector(*x)), 0.0))
+        slack = self.rest_length / length if self.rest_length else 0.0
         return (-self.stiffness * (1.0 - slack)) * rho
 
     @property

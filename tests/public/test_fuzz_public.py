@@ -125,7 +125,7 @@ def leaves(value):
         elif array.dtype.kind == "O":
             yield from (one for entry in array.flat if entry is not value for one in leaves(entry))
     elif isinstance(value, str):
-        yield from (np.array(float(word)) for word in re.findall(r"(?<![\w.])-?\d+\.?\d*(?:e[+-]?\d+)?", value))
+        yield from (np.array(float(word)) for word in re.findall(r"(?<![\w.])-?\d+\.?\d*(?:e[+-]?\d+)?(?!\w)", value))
     elif isinstance(value, Rotation):
         yield value.as_quat()
     elif isinstance(value, Axes):

@@ -34,6 +34,7 @@ from ..integrators.integrator import IVP, Failure, Integrator, Outcome, Status
 from ..integrators.ivp import Intervals, onward, started
 from ..integrators.load_samples import wheel_columns
 from . import completion
+from .named_events import NamedEvent
 from .starts import BodyState, body_state, wheel_axes_of
 
 TURN, MOST = 0.25, 64  # rad between two times; how many of them there may be in a step
@@ -43,6 +44,8 @@ RTOL, XTOL = 4 * float(np.finfo(np.float64).eps), 1e-12
 DEGREE, ROOT = 11, 1e-12  # of a polynomial; what is left of the function at a root, over its largest value
 CORNER = 1e-6  # of the largest coefficient: what the last ones of a polynomial have where it does not follow
 KNOTS = -np.cos(np.pi * np.arange(DEGREE + 1) / DEGREE)
+THROUGH = np.linalg.inv(chebvander(KNOTS, DEGREE)).T  # values at the knots times this: the series through them
+NEWTON = 6  # iterations for the root of a polynomial, from where its chord between two knots is zero
 LOW, ZERO = 1 / 3, 1e-9  # of the sum of the values before and after: a low value, one that is as good as zero
 SAME = 16  # units in the last place between an output time and the node that it is, to round-off
 MESSAGE = "the event {} ended the run at t = {:.12g} s"
@@ -168,12 +171,13 @@ class Part(NamedTuple):
             outcome = self.beyond(end.check, last)
             yield Piece(last, outcome.states.part(0), outcome.intervals)
 
-    def at(self, checks: Sequence[int], times: Array) -> list[States]:
+    def at(self, checks: Sequence[int], times: Array) -> States:
         """Return the states at rows of times, (n, k), each between the time of such a number and the next."""
         wanted, places = np.unique(times, return_inverse=True)
-        if (found := self._inside(wanted)) is None:
-            return [self.beyond(check, row).states.part(0) for check, row in zip(checks, times, strict=True)]
-        return [found.part(row) for row in places.reshape(times.shape)]
+        if (found := self._inside(wanted)) is not None:
+            return found.part(places.reshape(times.shape))
+        rows = [self.beyond(check, row).states.part(0) for check, row in zip(checks, times, strict=True)]
+        return States(*(None if one[0] is None else np.array(one) for one in zip(*rows, strict=True)))  # type: ignore[arg-type]
 
     def _inside(self, times: Array) -> States | None:
         """Return states at times between the nodes; None where one step after the other costs less than all."""
@@ -276,9 +280,9 @@ class Search:
         """Return the events in the order of their times."""
         times, states = self.part.times, self.part.outcome.states.part(0)
         is_apart = np.diff(times) > SAME * np.spacing(abs(times[1:]))
-        bodies, found, crossed, near = self._bodies(times, states), list[Root](), list[Crossing](), list[Crossing]()
+        found, crossed, near = list[Root](), list[Crossing](), list[Crossing]()
         for number, event in enumerate(self.events):
-            values = event.values(bodies)
+            values = self._along(event, times, states)
             signs = np.sign(values)
             changes = signs[1:] * signs[:-1]
             for k in np.flatnonzero(((changes < 0) | dips(values)) & is_apart).tolist():
@@ -333,17 +337,20 @@ class Search:
         """Yield the roots, of polynomials through values of the functions where these have one, else by Brent."""
         times, values, series = self._through(crossed)
         middle, half = times[:, [0, -1]].mean(axis=1), np.diff(times[:, [0, -1]])[:, 0] / 2
-        roots = middle.copy()
-        for k, one in enumerate(series):
-            own = chebroots(one)
-            own = own.real[(abs(own.imag) < ROOT) & (abs(own.real) < 1)]
-            if len(own) == 1:
-                roots[k] += half[k] * own[0]
+        rows, slopes = np.arange(len(crossed)), chebder(series, axis=1)
+        k = np.argmax(np.sign(values[:, 1:]) != np.sign(values[:, :1]), axis=1)  # the knot before the crossing
+        (low, high), begin = (values[rows, k], values[rows, k + 1]), KNOTS[k]
+        x = begin + (KNOTS[k + 1] - begin) * low / (low - high)
+        for _ in range(NEWTON):
+            V = chebvander(x, DEGREE)
+            with np.errstate(divide="ignore", invalid="ignore"):
+                x = np.clip(x - (V * series).sum(axis=1) / (V[:, :-1] * slopes).sum(axis=1), -1, 1)
+        roots = middle + half * np.where(np.isfinite(x), x, 0)
         left, states = self._values(crossed, roots[:, None])
         is_root = abs(left[:, 0]) <= ROOT * abs(values).max(axis=1)
-        for k, one in enumerate(crossed):
-            if is_root[k]:
-                yield Root(float(roots[k]), one.event, states[k].part(0), one.check)
+        for i, one in enumerate(crossed):
+            if is_root[i]:
+                yield Root(float(roots[i]), one.event, states.part(i, 0), one.check)
             else:
                 yield self._between(one)
 
@@ -354,13 +361,24 @@ class Search:
         times[:, [0, -1]] = np.concatenate([a, b], axis=1)
         ends = np.array([one.values for one in looked])
         values = np.concatenate([ends[:, :1], self._values(looked, times[:, 1:-1])[0], ends[:, 1:]], axis=1)
-        return times, values, np.linalg.solve(chebvander(KNOTS, DEGREE), values.T).T
+        return times, values, values @ THROUGH
 
-    def _values(self, looked: list[Crossing], times: Array) -> tuple[Array, list[States]]:
+    def _values(self, looked: list[Crossing], times: Array) -> tuple[Array, States]:
         """Return the values of the functions at times of their own, (n, k), and the states."""
         states = self.part.at([one.check for one in looked], times)
-        rows = zip(looked, times, states, strict=True)
-        return np.array([self.events[one.event].values(self._bodies(t, own)) for one, t, own in rows]), states
+        values, numbers = np.empty(times.shape), np.array([one.event for one in looked])
+        for number in {one.event for one in looked}:
+            rows = numbers == number
+            values[rows] = self._along(self.events[number], times[rows], states.part(rows))
+        return values, states
+
+    def _along(self, event: Event, times: Array, states: States) -> Array:
+        """Return the values of a function at times and the states there, along any leading axes."""
+        if isinstance(event.function, NamedEvent):
+            return event.function.along(states.quaternion, states.velocity)
+        if times.ndim > 1:
+            return np.array([self._along(event, row, states.part(k)) for k, row in enumerate(times)])
+        return event.values(self._bodies(times, states))
 
     def _between(self, one: Crossing) -> Root:
         """Return the root by Brent's method."""
@@ -374,7 +392,7 @@ class Search:
         problem = self.part.problem
         longest = problem.t_end - problem.t_start if problem.off_grid else problem.grid.longest
         t = float(brentq(value, *one.times, xtol=max(XTOL * longest, np.finfo(np.float64).tiny), rtol=RTOL))
-        return Root(t, one.event, self.part.at([one.check], np.array([[t]]))[0].part(0), one.check)
+        return Root(t, one.event, self.part.at([one.check], np.array([[t]])).part(0, 0), one.check)
 
     def _bodies(self, times: Array, states: States) -> list[BodyState]:
         """Return states along times as values."""

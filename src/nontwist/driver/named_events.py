@@ -6,9 +6,11 @@ from collections.abc import Callable
 from math import sqrt
 from typing import Any
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from ..geometry.arrays import Array, as_axis, as_number
+from ..geometry.attitudes import entries
 from .starts import BodyState
 
 
@@ -16,29 +18,30 @@ class NamedEvent:
     """An event function with a name, made by `axis_crosses` or `spin_below`; kind and keys are those in run files."""
 
     def __init__(
-        self, kind: str, value: Callable[..., float], keys: dict[str, Any], name: str, terminal: bool | int, side: float
+        self, kind: str, value: Callable[..., Array], keys: dict[str, Any], name: str, terminal: bool | int, side: float
     ) -> None:
         self.kind, self.keys, self._value = kind, keys, value
         self.__name__, self.terminal, self.direction = name, terminal, side
 
     def __call__(self, t: float, state: BodyState) -> float:
         """Return the value whose zeros are the events."""
-        return self._value(state, **self.keys)
+        return float(self.along(np.array(state.quaternion), np.array(state.material_angular_velocity)))
+
+    def along(self, quaternion: Array, W: Array) -> Array:
+        """Return the values along any leading axes."""
+        return self._value(quaternion, W, **self.keys)
 
     def __repr__(self) -> str:
         return f"<event {self.__name__}>"
 
 
-def _height(state: BodyState, axis: Array, normal: Array, cosine: float) -> float:
-    return float(normal @ (axis @ state.directors)) - cosine
+def _height(quaternion: Array, W: Array, axis: Array, normal: Array, cosine: float) -> Array:
+    return np.asarray(np.einsum("i,ij...,j->...", normal, entries(quaternion), axis)) - cosine
 
 
-def _excess(state: BodyState, value: float, axis: tuple[float, float, float] | None) -> float:
-    x, y, z = state.material_angular_velocity
-    if axis is None:
-        return sqrt(x * x + y * y + z * z) - value
-    a, b, c = axis
-    return float(abs(a * x + b * y + c * z)) - value
+def _excess(quaternion: Array, W: Array, value: float, axis: Array | None) -> Array:
+    speed = np.sqrt(np.square(W).sum(axis=-1)) if axis is None else abs(np.einsum("...i,i->...", W, axis))
+    return np.asarray(speed - value)
 
 
 def axis_crosses(
@@ -134,7 +137,7 @@ def spin_below(
     x = as_number(value, "value")
     if not x > 0:
         raise ValueError(f"value must be positive, got {x:g}")
-    keys = {"value": x, "axis": None if axis is None else tuple(_unit(axis, "axis").tolist())}
+    keys = {"value": x, "axis": None if axis is None else _unit(axis, "axis")}
     return NamedEvent("spin-below", _excess, keys, name, terminal, direction)
 
 

@@ -175,7 +175,23 @@ def test_info_of_chosen_variables(files, tmp_path):
     result = ended(0, "info", place)
     assert "drift" not in result.stdout
     assert "kinetic energy" in result.stdout
-    assert f"next: nontwist view '{place}', nontwist export '{place}' --out" in result.stderr
+    assert f"next: nontwist export '{place}' --out" in result.stderr  # not view, which needs more of them
+
+
+@pytest.mark.parametrize("kept", [{}, {"variables": (), "reduce": "extrema"}])
+def test_ensembles(tmp_path, kept):
+    W = [(1, 2, 0), (2, 1, 0)]
+    many = nt.simulate_ensemble(nontwisting([3, 4, 5]), t_end=1, step=0.1, material_angular_velocity=W, **kept)
+    save_run(many, tmp_path / "many.nc")
+    told = ended(0, "info", tmp_path / "many.nc", "--json")
+    assert {name: json.loads(told.stdout)[name] for name in ("members", "failed")} == {"members": 2, "failed": 0}
+    assert ended(0, "info", tmp_path / "many.nc").stderr.split()[1:3] == ["nontwist", "export"]
+    lines = list(csv.reader(io.StringIO(ended(0, "export", tmp_path / "many.nc").stdout)))
+    if kept:
+        assert float(lines[2][lines[0].index("kinetic_energy_max [J]")]) == many.kinetic_energy_max[1]
+    else:
+        assert float(lines[2][lines[0].index("quaternion_1_w")]) == many.quaternion[1, -1, 3]
+    assert "2 runs" in ended(3, "view", tmp_path / "many.nc").stderr
 
 
 @pytest.mark.parametrize("width", [60, 120])

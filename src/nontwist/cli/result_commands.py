@@ -110,10 +110,10 @@ def export_command(
 
 
 def _opened(path: Path) -> Dataset:
-    """Return what a file holds along time; a ResultFileError where it holds nothing along it."""
+    """Return what a file holds along time or of members; a ResultFileError where it holds nothing of the kind."""
     require_readable(path)
     run = nontwist.open_run(path)
-    if "time" not in run.indexes:
+    if not {"time", "member"} & set(run.indexes):
         raise ResultFileError(f"{path} does not contain a run: it has no coordinate time with its states along it")
     return run
 
@@ -159,7 +159,7 @@ def _facts(run: Dataset, path: Path, body: nontwist.DirectorSystem | None) -> di
     from ..analysis.invariants import STATES
     from ..io.run_files import record
 
-    attributes, time = record(run), run["time"].values
+    attributes, time = record(run), run.indexes.get("time", ())
     facts: dict[str, Any] = {
         "file": str(path),
         "bytes": path.stat().st_size,
@@ -176,7 +176,10 @@ def _facts(run: Dataset, path: Path, body: nontwist.DirectorSystem | None) -> di
             for name, variable in run.data_vars.items()
         },
     }
-    facts |= steps_of(run)
+    if len(time):
+        facts |= steps_of(run)
+    if "member" in run.dims and "status" in run:
+        facts |= {"members": run.sizes["member"], "failed": int((run["status"] != 0).sum())}
     if "t_events" in run:
         facts["event_times"] = times_of_events(run)
     if "twist_angle" in run and len(time):
@@ -189,11 +192,15 @@ def _facts(run: Dataset, path: Path, body: nontwist.DirectorSystem | None) -> di
 
 
 def _print(facts: dict[str, Any], body: nontwist.DirectorSystem | None) -> None:
+    from ..viewer.content import NEEDED
+
     print_rows(facts.get("title", facts["file"]), _rows(facts, body))
     sizes = [zip(one["dimensions"], one["shape"], strict=True) for one in facts["variables"].values()]
     dimensions = [", ".join(f"{dim} {size}" for dim, size in one) for one in sizes]
     print_variables(facts["variables"], ("dimensions",), dimensions=dimensions)
-    say_next(("view", facts["file"]), ("export", facts["file"], "--out", "NAME.csv"))
+    has = {*facts["variables"]}
+    is_shown = "members" not in facts and ("twist_angle" in has or {*NEEDED} <= has)
+    say_next(*[("view", facts["file"])] * is_shown, ("export", facts["file"], "--out", "NAME.csv"))
 
 
 def _rows(facts: dict[str, Any], body: nontwist.DirectorSystem | None) -> dict[str, str]:
@@ -212,7 +219,7 @@ def _rows(facts: dict[str, Any], body: nontwist.DirectorSystem | None) -> dict[s
     if "total_twist" in facts:
         rows["total twist"] = _words("total_twist", facts["total_twist"])
     rows |= rows_of_run(facts, facts.get("event_times", {}))
-    if "integrator" in facts:
+    if "status" in facts:
         rows["status"] = f"{facts['status']} ({facts['message']})"
     if "joined" in facts:
         seams = ", ".join(f"{part['t_start']:.6g}" for part in facts["joined"][1:])

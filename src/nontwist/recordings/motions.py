@@ -200,12 +200,19 @@ class Samples:
         return as_turns(self.quaternion)
 
 
-def given_motion(motion: Any, time: Any, scalar_first: bool | None, name: str) -> Motion:
-    """Return a motion with its times; a ValueError names what does not fit."""
+def one_motion(motion: Any, scalar_first: bool | None) -> Motion:
+    """Return the motion of one body; a ValueError where it is of several."""
     found = raw_motion(motion, scalar_first)
     shape = found.values.shape
     if len(shape) != (2 if shape[-1] == 4 else 3):
-        raise ValueError(f"a motion has one attitude for each time, (n, 4) or (n, 3, 3), got {shape}")
+        hint = "; run.isel(member=0) is one run of an ensemble" * ("member" in getattr(motion, "dims", ()))
+        raise ValueError(f"a motion has one attitude for each time, (n, 4) or (n, 3, 3), got {shape}{hint}")
+    return found
+
+
+def given_motion(motion: Any, time: Any, scalar_first: bool | None, name: str) -> Motion:
+    """Return a motion with its times; a ValueError names what does not fit."""
+    found = one_motion(motion, scalar_first)
     t, start = (found.time, found.start) if time is None else seconds(time)
     if t is not None and t.shape != (len(found.values),):
         raise InputError("time-shape", name=name, count=len(found.values), shape=t.shape)

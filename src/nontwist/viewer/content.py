@@ -269,10 +269,10 @@ def _shown(values: NDArray[Any]) -> NDArray[Any]:
 
 
 def _checked(run: Dataset) -> tuple[Dataset, DirectorSystem]:
-    if lacking := [name for name in NEEDED if name not in run.variables]:
-        raise ValueError(f"not a run of simulate: it lacks {', '.join(lacking)}")
     if "member" in run.dims:
         raise ValueError(f"this is an ensemble of {run.sizes['member']} runs; view(run.isel(member=0)) shows one")
+    if lacking := [name for name in NEEDED if name not in run.variables]:
+        raise ValueError(f"not a run of simulate: it lacks {', '.join(lacking)}")
     run = as_dataset(run, RUN, ("time", *NEEDED))
     if run.sizes["time"] < 2:
         raise ValueError("the run has a single state; nothing moves (simulate with store=1)")

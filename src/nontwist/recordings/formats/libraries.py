@@ -45,7 +45,7 @@ from numpy.typing import NDArray
 from ...errors import InputError
 from ...io.run_files import open_run
 from ...machine import library
-from ..motions import raw_motion
+from ..motions import one_motion
 from ..options import ReadOptions
 from ..table import Content, Table, by_name, listed
 from ..times import clock, not_used
@@ -366,5 +366,5 @@ def _flatten(found: dict[str, Any], name: str, value: Any) -> None:
 def read_run(path: Path, how: ReadOptions) -> Content:
     """Read the attitudes of a run."""
     run = open_run(path)
-    found = raw_motion(run, how.scalar_first)
+    found = one_motion(run, how.scalar_first)
     return Content(bodies={path.stem: found.values}, time=found.time, notes=("orientation: a run of this package",))

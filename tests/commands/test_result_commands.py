@@ -176,9 +176,41 @@ def test_info_of_chosen_variables(files, tmp_path):
     assert "drift" not in result.stdout
     assert "kinetic energy" in result.stdout
     assert f"next: nontwist export '{place}' --out" in result.stderr  # not view, which needs more of them
+    run = open_run(files / "free.nc")
+    for other in (run.isel(time=[3]), twist(run, axis_frame="space"), twist(nt.rotation(run))):
+        save_run(other, place, force=True)
+        assert f"next: nontwist export '{place}' --out" in ended(0, "info", place).stderr
+        ended(3, "view", place)
 
 
-@pytest.mark.parametrize("kept", [{}, {"variables": (), "reduce": "extrema"}])
+def test_view_of_parts(files, tmp_path):
+    """Refused in words where nothing moves; a run that ends in NaN, or is rounded, is shown."""
+    run, place = open_run(files / "top.nc"), tmp_path / "part.nc"
+    for code, part in (
+        (3, run.isel(time=3)),
+        (3, run.isel(time=[])),
+        (3, run.drop_vars("time")),
+        (0, run.where(run.time < 0.5)),
+        (0, run.astype("float32")),
+    ):
+        save_run(part, place, force=True)
+        ended(code, "view", place, "--force", "--out", tmp_path / "part.html")
+
+
+def test_export_of_thinned_runs(files, tmp_path):
+    """Lines of a table are states: what belongs to intervals between others is not written beside them."""
+    run = open_run(files / "top.nc")
+    save_run(run.isel(time=slice(None, None, 3)), place := tmp_path / "thin.nc")
+    assert "not those between its states" in ended(3, "export", place).stderr
+    assert (
+        table_of(place, "--columns", "kinetic_energy")["kinetic_energy [J]"].tolist()
+        == run.kinetic_energy[::3].values.tolist()
+    )
+    save_run(run.isel(time=slice(3, 7)), tmp_path / "part.nc")
+    assert table_of(tmp_path / "part.nc")["load_work [J]"][1:].tolist() == run.load_work[3:6].values.tolist()
+
+
+@pytest.mark.parametrize("kept", [{}, {"variables": (), "reduce": "extrema"}, {"variables": "all"}])
 def test_ensembles(tmp_path, kept):
     W = [(1, 2, 0), (2, 1, 0)]
     many = nt.simulate_ensemble(nontwisting([3, 4, 5]), t_end=1, step=0.1, material_angular_velocity=W, **kept)
@@ -187,7 +219,7 @@ def test_ensembles(tmp_path, kept):
     assert {name: json.loads(told.stdout)[name] for name in ("members", "failed")} == {"members": 2, "failed": 0}
     assert ended(0, "info", tmp_path / "many.nc").stderr.split()[1:3] == ["nontwist", "export"]
     lines = list(csv.reader(io.StringIO(ended(0, "export", tmp_path / "many.nc").stdout)))
-    if kept:
+    if "reduce" in kept:
         assert float(lines[2][lines[0].index("kinetic_energy_max [J]")]) == many.kinetic_energy_max[1]
     else:
         assert float(lines[2][lines[0].index("quaternion_1_w")]) == many.quaternion[1, -1, 3]

@@ -12,7 +12,7 @@ import pytest
 import xarray
 
 from conftest import BODIES
-from nontwist import open_run, save_run, simulate, sine
+from nontwist import gradient, lyapunov, open_run, save_run, sensors, simulate, sine
 from nontwist.errors import ResultFileError
 from nontwist.io.run_files import LENGTH, SEAL, reserved
 from refusals import says
@@ -67,6 +67,17 @@ def test_saved_and_read(run, tmp_path, form):
     if "midtime" in one.dims:
         with h5py.File(tmp_path / "run.nc") as file:
             assert file["moment"].dims[0][0].name == "/midtime"
+
+
+def test_other_results(run, tmp_path):
+    """What sensors and functions of derivatives and of chaos return, and what has lost its attributes, is read back."""
+    how = {"t_end": 1, "step": 0.1, "material_angular_velocity": (1, 2, 0)}
+    slopes = gradient(BODIES["standard"](), d_rotation=np.ones((2, 3)), store="end", **how)
+    for one in (sensors.gyroscope(run), lyapunov(BODIES["standard"](), **how), slopes, run.drop_attrs()):
+        save_run(one, tmp_path / "other.nc", force=True)
+        found = open_run(tmp_path / "other.nc")
+        assert found.attrs.pop("format_version") == 1
+        xarray.testing.assert_identical(found, one)
 
 
 def version(number):

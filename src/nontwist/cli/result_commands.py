@@ -113,7 +113,7 @@ def _opened(path: Path) -> Dataset:
     """Return what a file holds along time or of members; a ResultFileError where it holds nothing of the kind."""
     require_readable(path)
     run = nontwist.open_run(path)
-    if not {"time", "member"} & set(run.indexes):
+    if "time" not in run.indexes and "member" not in run.dims:
         raise ResultFileError(f"{path} does not contain a run: it has no coordinate time with its states along it")
     return run
 
@@ -157,6 +157,7 @@ def _chosen(run: Dataset, names: str | None, kind: str) -> Dataset:
 def _facts(run: Dataset, path: Path, body: nontwist.DirectorSystem | None) -> dict[str, Any]:
     """Return everything that `info` prints, as plain data."""
     from ..analysis.invariants import STATES
+    from ..analysis.variables import VARIABLES
     from ..io.run_files import record
 
     attributes, time = record(run), run.indexes.get("time", ())
@@ -186,7 +187,8 @@ def _facts(run: Dataset, path: Path, body: nontwist.DirectorSystem | None) -> di
         facts["total_twist"] = float(run["twist_angle"].values[-1])
     if body is not None:
         facts["convected_inertia"] = body.convected_inertia.tolist()
-        if {*STATES} <= {*run.data_vars}:  # not of a choice of variables, as `run[["kinetic_energy"]]`
+        is_run = all(one in run and {*run[one].dims} == {*VARIABLES[one][0]} for one in STATES)
+        if is_run and len(time):  # not a choice of variables, as `run[["kinetic_energy"]]`, or an ensemble
             facts |= invariants_kept(run)
     return facts
 
@@ -199,7 +201,8 @@ def _print(facts: dict[str, Any], body: nontwist.DirectorSystem | None) -> None:
     dimensions = [", ".join(f"{dim} {size}" for dim, size in one) for one in sizes]
     print_variables(facts["variables"], ("dimensions",), dimensions=dimensions)
     has = {*facts["variables"]}
-    is_shown = "members" not in facts and ("twist_angle" in has or {*NEEDED} <= has)
+    is_shown = "members" not in facts and ({"twist_angle", "twist_rate"} <= has or {*NEEDED} <= has)
+    is_shown &= facts.get("axis_frame") != "space" and facts["time"] is not None and facts["time"]["states"] > 1
     say_next(*[("view", facts["file"])] * is_shown, ("export", facts["file"], "--out", "NAME.csv"))
 
 

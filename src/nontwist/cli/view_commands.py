@@ -187,7 +187,8 @@ def _smooth_part(path: Path, run: Dataset, span: slice) -> Dataset:
     """Return a part of a run, its states completed where they are far apart; or warn that they are."""
     from ..viewer.content import FAR, NEEDED, STATES
 
-    if "member" in run.dims or not {"quaternion", "material_angular_velocity", *NEEDED} <= {*run.data_vars}:
+    has_all = {"quaternion", "material_angular_velocity", *NEEDED} <= {*run.data_vars}
+    if "member" in run.dims or "time" not in run.indexes or run.sizes["time"] < 2 or not has_all:
         return _part(run, span)
     time = run["time"].values
     try:
@@ -211,9 +212,8 @@ def _smooth_part(path: Path, run: Dataset, span: slice) -> Dataset:
 def largest_turn(run: Dataset) -> float:
     """Return the largest rotation from one state of a run to the next, rad."""
     from ..geometry.attitudes import turns
-    from ..recordings.motions import rotation
 
-    p = rotation(run).as_quat()
+    p = run["quaternion"].transpose("time", ...).values
     return float(turns(p[:-1], p[1:]).max(initial=0.0))
 
 

@@ -32,6 +32,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..analysis.datasets import as_dataset
+from ..analysis.trajectory import FORMAT_VERSION
 from ..analysis.variables import assembled
 from ..errors import InputWarning, ResultFileError, callers_level, warn
 from ..geometry.arrays import DataArray, Dataset
@@ -117,6 +118,11 @@ def write_csv(run: Dataset, stream: TextIO, *, decimal_comma: bool = False) -> N
 
     marks: dict[str, Any] = {"sep": ";", "decimal": ","} if decimal_comma else {}
     states, intervals = (columns(run, along) for along in (_lines(run), INTERVALS))
+    if intervals and STATES in run.dims:
+        t, middle = run[STATES].values, run[INTERVALS].values
+        if len(middle) != len(t) - 1 or ((middle < t[:-1]) | (t[1:] < middle)).any():
+            why = "the intervals of the run are not those between its states"
+            raise ValueError(f"{why}: choose variables of states, --columns, or write JSON or NPZ, which have both")
     for first in range(0, max(run.sizes[_lines(run)], 1), ROWS):
         table = pandas.DataFrame({header: values[first : first + ROWS] for header, values in states.items()})
         for header, values in intervals.items():
@@ -279,7 +285,7 @@ def _content(run: Dataset) -> memoryview:
     variables, attributes = encode_dataset_coordinates(run)
     with h5netcdf.File(content, "w") as file:
         file.dimensions = {str(name): size for name, size in run.sizes.items()}
-        file.attrs.update(attributes)
+        file.attrs.update({"format_version": FORMAT_VERSION} | attributes)  # not all results state it
         for name, variable in variables.items():
             variable = variable.copy(deep=False)
             variable.encoding = {"_FillValue": None}
@@ -441,8 +447,6 @@ def _unsealed(file: BinaryIO, length: int) -> str:
 
 
 def _foreign(attributes: Mapping[str, Any]) -> str | None:
-    from ..analysis.trajectory import FORMAT_VERSION
-
     found = np.ravel(attributes.get("format_version", []))
     if found.size != 1 or found.dtype.kind not in "iu":
         return "is not a run of nontwist: it has no format_version"

@@ -243,7 +243,7 @@ class Faults(list[Fault]):
         """Take a ValueError for what is wrong with a key of the table that is `at` this place.
 
         It is the key with which the message begins, or that it names as an argument, ``step=``; else, or where that is
-        missing and `name` is not, `name`.
+        missing and `name` is not, or what is `accepted` is given, `name`.
         """
         try:
             yield
@@ -252,7 +252,7 @@ class Faults(list[Fault]):
             named = [
                 word for pair in re.findall(r"^(\w+)|\b(\w+)=(?!True|False)", said) for word in pair if word in keys
             ]
-            if named and (getattr(table, named[0]) is not None or getattr(table, name) is None):
+            if not accepted and named and (getattr(table, named[0]) is not None or getattr(table, name) is None):
                 name = named[0]
             value = getattr(table, name)
             given = f"{'missing' if value is None else shown(value)} ({in_toml(said)})"

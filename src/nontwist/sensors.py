@@ -92,6 +92,8 @@ def gyroscope(
     if late < 0:
         raise ValueError(f"delay must not be negative, got {late:g} s")
     t = run["time"].values
+    if t.size < 2:
+        raise ValueError("the run has a single state; a recording needs two samples")
     if rate is not None:
         hertz = float(as_positive(rate, "rate", (), "Hz"))
         first, last = int(np.ceil(late * hertz - LAST)), int(np.ptp(t) * hertz + LAST)
@@ -101,13 +103,11 @@ def gyroscope(
         run = resample(run, np.maximum(t - late, begin))
     elif late:
         raise ValueError("a delay needs rate=, in Hz: delayed samples lie between the stored states")
-    elif t.size < 2:
-        raise ValueError("the run has a single state; a recording needs two samples")
     else:
         hertz = (t.size - 1) / float(np.ptp(t))
         if density > 0 and abs(np.diff(t) * hertz - 1).max() > 1e-6:
             raise ValueError("the stored states are not evenly spaced: pass rate=, in Hz")
-    W = run["material_angular_velocity"].transpose("time", "director").values
+    W = run["material_angular_velocity"].values
     spread = density * np.sqrt(hertz / 2)
     y = s * e * (W @ Q.T) + b + spread * np.random.default_rng(seed).normal(size=W.shape)
     attrs = {"units": "rad s-1", "long_name": "reading of a gyroscope, simulated", "symbol": "y"}

@@ -264,6 +264,15 @@ def test_view_of_a_path():
         assert np.degrees([a, e]) == pytest.approx(expected, abs=0.3)
 
 
+def test_path_of_failed_members(two):
+    """What a run has not reached is NaN: the path ends before it."""
+    run = two["standard"]
+    whole, part = plot.path(run.isel(time=slice(50))), plot.path(run.where(run.time < run.time[50]))
+    assert all(np.array_equal(a, b, equal_nan=True) for a, b in zip(ys(whole), ys(part), strict=True))
+    with pytest.raises(ValueError, match="no attitude of the run is finite"):
+        plot.path(run.where(run.time < 0))
+
+
 def test_path_from_above(two):
     """And of the grid of the globe, parallels are circles of the radius cos φ, and meridians are straight."""
     axes = plot.path(two["standard"], **ABOVE)

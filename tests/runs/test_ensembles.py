@@ -12,9 +12,11 @@ from scipy.spatial.transform import Rotation
 import nontwist as nt
 from conftest import BODIES, PAPER_J, STANDARD, random_inertia
 from nontwist.analysis.statistics import STATISTICS
+from nontwist.comparison import second_quotient
 from nontwist.errors import SimulationError
 from nontwist.integrators import stack_march
 from nontwist.validation.compiled_steps import ReferenceEnergyMomentum
+from nontwist.viewer.content import content
 from refusals import refused_as, says, warned
 
 RNG = np.random.default_rng(8)
@@ -333,6 +335,48 @@ def test_an_ensemble_as_a_file(tmp_path):
     xarray.testing.assert_identical(again, many)
     E = nt.SystemStack(again.euler_inertia.values, again.constrained_axis.values)
     assert [E[i].convected_inertia.tolist() for i in range(3)] == [body.convected_inertia.tolist() for body in bodies]
+
+
+def test_members_are_runs():
+    """A member has its own body and its own load, in what is computed and told of it; many are no motion of one."""
+    bodies = [nt.suslov([[3, 0.1, 0], [0.1, 4, 0.2], [0, 0.2, 5]], axis) for axis in ("y", (0, 1, 1))]
+    load, W = nt.spring(2.0, (0, 0, 1), (1, 0, 1)) + nt.pulse((0, 1, 2)), {"material_angular_velocity": (0.4, 0, 0)}
+    how = {"t_end": 1, "step": 0.05, "store": 1}
+    for many in (bodies, bodies[1]):
+        own = nt.simulate_ensemble(many, load=load, load_scale=[1, 2], variables="all", **W, **how)
+        member, run = own.isel(member=1), nt.simulate(bodies[1], load=2 * load, **W, **how)
+        joined = nt.join_runs(member.isel(time=slice(9)), member.isel(time=slice(8, None)))
+        for one in (member, joined, nt.resample(member, member.time)):
+            assert np.allclose(nt.resample(one, [0.33]).directors, nt.resample(run, [0.33]).directors, atol=1e-12)
+            assert content(one)["about"]["Load"] == content(run)["about"]["Load"]
+            assert abs(nt.plot.twist_angle(one).lines[0].get_ydata()).max() < 1e-6
+        nt.plot.polhode(member)
+        assert nt.drifts(member).keys() == nt.drifts(run).keys() - {"energy_balance"}
+    for function in (
+        lambda: nt.simulate(bodies[0], rotation=own, t_end=1),
+        lambda: nt.stepper(bodies[0], 0.1).reset(rotation=own),
+        lambda: nt.steer(own, np.eye(3)),
+        lambda: nt.simulate(bodies[0], rotation=member.isel(time=[]), t_end=1),
+        lambda: nt.twist(own.isel(time=-1)),
+        lambda: nt.simulate(bodies[0], start=run.drop_vars("time"), t_end=99),
+        lambda: nt.resample(run.where(run.time < 0.5), [0.1]),
+        lambda: nt.drifts(run.isel(time=[])),
+        lambda: nt.sensors.gyroscope(run.isel(time=[]), rate=9),
+        lambda: second_quotient(*3 * [run.isel(time=0)]),
+    ):
+        with says():
+            function()
+
+
+def test_torques_of_members():
+    """They are in the load of a part that is joined, as in that of a run."""
+    turning = nt.wheel((0, 0, 1), 0.1, speed=2)
+    how = {"t_end": 1, "step": 0.05, "store": 1, "material_angular_velocity": (0.4, 1, 0)}
+    many = nt.simulate_ensemble(STANDARD, load=turning, wheel_torque=[[0.1], [0.2]], variables="all", **how)
+    run = nt.simulate(STANDARD, load=nt.wheel((0, 0, 1), 0.1, speed=2, torque=0.2), **how)
+    member = many.isel(member=1)
+    joined = nt.join_runs(member.isel(time=slice(9)), member.isel(time=slice(8, None)))
+    assert np.allclose(nt.resample(joined, [0.33]).wheel_speed, nt.resample(run, [0.33]).wheel_speed, atol=1e-12)
 
 
 def test_progress_reaches_the_end(capsys, monkeypatch):

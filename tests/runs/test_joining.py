@@ -146,15 +146,31 @@ def test_refusals():
     assert nt.join_runs(first).drop_attrs().identical(first.drop_attrs())
 
 
-def test_order_of_labels():
-    """Directors, axes and components of quaternions in another order are the same run."""
-    run = nt.simulate(STANDARD, t_end=1, step=0.1, material_angular_velocity=(1, 2, 3))
-    other = run.isel(director=[2, 0, 1], quat=[3, 0, 1, 2], axis=[1, 2, 0])
+BACKWARDS = slice(None, None, -1)
+
+
+@pytest.mark.parametrize(
+    "order",
+    [
+        lambda run: run.isel(director=[2, 0, 1], quat=[3, 0, 1, 2], axis=[1, 2, 0]),
+        lambda run: run.transpose(*reversed(list(run.dims))),
+        lambda run: run.isel(time=BACKWARDS),
+        lambda run: run.isel(time=[1, 0, *range(2, 11)], midtime=BACKWARDS, axis=BACKWARDS).transpose("axis", ...),
+    ],
+)
+@pytest.mark.filterwarnings("ignore:times are not in order")
+def test_order_of_labels(order):
+    """Directors, axes, components of quaternions, dims and times in another order are the same run."""
+    load = nt.pulse((1, 2, 0), end=2)
+    run = nt.simulate(STANDARD, t_end=1, step=0.1, material_angular_velocity=(1, 2, 3), load=load)
+    other = order(run)
     for function in (
         lambda run: nt.point_position(run, (1, 2, 3)),
-        lambda run: nt.simulate(STANDARD, t_end=2, step=0.1, start=run).directors,
-        lambda run: nt.join_runs(run).directors,
+        lambda run: nt.simulate(STANDARD, t_end=2, step=0.1, start=run, load=load).directors,
+        lambda run: nt.join_runs(run).load_work,
+        lambda run: nt.resample(run, [0.23, 0.4]).directors,
         lambda run: nt.twist(run, axis="z").twist_angle,
+        lambda run: nt.plot.energy_drift(run).lines[0].get_ydata(),
     ):
         assert np.array_equal(function(other), function(run))
     assert nt.drifts(other) == nt.drifts(run)

@@ -244,6 +244,9 @@ def test_member_runs_again(text, write, tmp_path):
         alone = simulate(read_run_file(write(run.attrs["run_file"], "member.toml")).problem)
         np.testing.assert_allclose(run.directors, alone.directors, atol=1e-12)
     nt.save_run(run, tmp_path / "member.nc")
+    body = nt.DirectorSystem.from_json(run.attrs["system"])
+    two = nt.simulate_ensemble(body, start=run, t_end=run.time.values[-1] + 0.01, step=1e-3, load_scale=[1, 1])
+    assert two.quaternion[1, 0].values == pytest.approx(run.quaternion[-1].values, abs=1e-15)
     count = many.sizes["member"]
     with pytest.raises(ValueError, match=rf"^member must be at most {count - 1}, got {count}$"):
         sweep_member(store, count)

@@ -8,9 +8,12 @@ from typing import Any
 
 from ..geometry.arrays import in_order
 from ..geometry.values import short_repr
-from .variables import VARIABLES
+from ..models.system import DirectorSystem
+from .variables import COORDINATES, TIMES, VARIABLES
 
 RUN = "a run of nontwist.simulate"
+BODY = {"euler_inertia": "euler_inertia", "constrained_axis": "axis", "dead_force": "dead_force"}
+FIRST = ("member", *TIMES, "event")  # of the dims of a variable; directors, axes and components of quaternions are last
 
 
 def as_dataset(
@@ -18,7 +21,8 @@ def as_dataset(
 ) -> Any:
     """Return `data` in the order of labels; a ValueError where it is no Dataset, or lacks variables or attributes.
 
-    Texts are variables, too. Variables of runs must have the dims of runs, others any. A part has its intervals alone.
+    Texts are variables, too. Variables of runs must have the dims of runs, others any; they are returned in the order
+    of runs. A part has its intervals alone, a member of an ensemble its own body.
     """
     if not hasattr(data, "data_vars"):
         many = isinstance(data, (list, tuple)) and any(hasattr(one, "data_vars") for one in data)
@@ -27,21 +31,41 @@ def as_dataset(
     for name in [*variables, *texts]:
         if name not in data.variables:
             raise ValueError(f"expected {what} with {name!r}; this Dataset has {', '.join(map(str, data))}")
-        dims = VARIABLES[name][0] if name in VARIABLES else data[name].dims
+        dims = VARIABLES[name][0] if name in VARIABLES else (name,) if name in TIMES else data[name].dims
         if {*dims} != {*data[name].dims}:
-            raise ValueError(f"{name} must have the dims {', '.join(dims)}, got {', '.join(map(str, data[name].dims))}")
+            found = ", ".join(map(str, data[name].dims)) or "none"
+            raise ValueError(f"{name} must have the dims {', '.join(dims)}, got {found}")
         if data[name].dtype.kind not in ("OTU" if name in texts else "fiub"):
             kind = "text" if name in texts else "real numbers"
             raise ValueError(f"{name} must contain {kind}, got {data[name].dtype}")
+    data = of_member(data)
     for name in attributes:
         if name not in data.attrs:
             raise ValueError(f"expected {what} with the attribute {name!r}; this Dataset does not have it")
-    data = in_order(data)
+    data = in_order(data).transpose(*FIRST, ..., *COORDINATES, missing_dims="ignore")
+    for dim in TIMES:
+        if dim in data.indexes and not data.indexes[dim].is_monotonic_increasing:
+            data = data.sortby(dim)
     if "midtime" not in data.coords or not data.sizes.get("time"):
         return data
     t, middle = data["time"].values, data["midtime"].values  # of a part, run.sel(time=slice(1, 2)), these are all there
     inside = (t[0] <= middle) & (middle <= t[-1])
     return data if inside.all() else data.isel(midtime=inside)
+
+
+def of_member(data: Any) -> Any:
+    """Return a member of an ensemble with the body that is its own; anything else as it is."""
+    if not hasattr(data, "data_vars") or "member" in data.dims:
+        return data
+    if "euler_inertia" in data and "system" not in data.attrs and "spin" not in data:
+        given = {key: data[name].values for name, key in BODY.items() if name in data}
+        data = data.assign_attrs(system=DirectorSystem(**given, physical=False).to_json())
+    return data
+
+
+def body_of(run: Any) -> DirectorSystem:
+    """Return the body of a run; a ValueError where it does not state it."""
+    return DirectorSystem.from_json(as_dataset(run, RUN, (), ("system",)).attrs["system"])
 
 
 def recorded(run: Any, name: str) -> Any:

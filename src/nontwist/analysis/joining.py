@@ -11,12 +11,14 @@ from numpy.typing import ArrayLike
 
 from ..geometry.arrays import Array, DataArray, Dataset, as_array, as_floats, require_finite
 from ..geometry.attitudes import without_jumps
-from ..loads.kinds import load_in_words
+from ..loads.kinds import FUNCTIONS, load_in_words, load_of
+from ..loads.load import with_torques
 from ..loads.memory_terms import carried_on, recorded_wheels
 from .datasets import RUN, as_dataset, recorded
 from .trajectory import Trajectory
 
 SAME = 1e-9  # rad, and of the velocity relative to its size: how far the states at a seam may be apart
+FACTORS = "load_scale", "wheel_torque"  # of a member of an ensemble, in the load of its part
 NEEDED = "time", "quaternion", "material_angular_velocity"
 
 
@@ -64,7 +66,7 @@ def join_runs(*runs: Dataset) -> Dataset:
                 require_finite(variable.values, str(name))
     for k, (one, other) in enumerate(pairwise(runs), start=1):
         _require_seam(one, other, k)
-    names = [str(name) for name in runs[0].data_vars if all(name in run for run in runs)]
+    names = [str(name) for name in runs[0].data_vars if name not in FACTORS and all(name in run for run in runs)]
     parts = [run[names].isel(time=slice(int(k > 0), None)) for k, run in enumerate(runs)]
     found, wheels = dict[str, Any](), [recorded_wheels(recorded(run, "load")) for run in runs]
     for name in names:
@@ -87,17 +89,36 @@ def join_runs(*runs: Dataset) -> Dataset:
     record = {name: value for name, value in runs[-1].attrs.items() if name not in ("step", "origin", "segments")}
     if len({run.attrs.get("step") for run in runs}) == 1 and "step" in record | runs[0].attrs:
         record |= {name: runs[0].attrs[name] for name in ("step", "origin") if name in runs[0].attrs}
-    record["joined"] = json.dumps([part for run in runs for part in parts_of(run)])
-    return xarray.Dataset(found, along, record)
+    own = [part for run in runs for part in parts_of(run)]
+    return xarray.Dataset(found, along, record | {"joined": json.dumps(own), "load": json.dumps(own[-1]["load"])})
 
 
 def parts_of(run: Dataset) -> list[dict[str, Any]]:
     """Return span, load, integrator and time grid of each run that was joined into this one, or of itself alone."""
     if "joined" in run.attrs:
         return list(recorded(run, "joined"))
+    if not run.sizes["time"]:
+        raise ValueError("the run has no states")
     t_start, t_end = map(float, run["time"].values[[0, -1]])
-    part = {"t_start": t_start, "t_end": t_end, **{name: recorded(run, name) for name in ("load", "integrator")}}
+    part = {"t_start": t_start, "t_end": t_end, "load": _own_load(run), "integrator": recorded(run, "integrator")}
     return [part | {name: run.attrs[name] for name in ("step", "segments") if name in run.attrs}]
+
+
+def _own_load(run: Dataset) -> list[dict[str, Any]]:
+    """Return the records of the load of a run; of a member of an ensemble with the factor and torques of its own."""
+    records: list[dict[str, Any]] = recorded(run, "load")
+    if "load_scale" in run:
+        records = [one | {"scale": run["load_scale"].item() * one["scale"]} for one in records]
+    if "wheel_torque" not in run:
+        return records
+    each = iter(run["wheel_torque"].values[:, None])
+    torques = [next(each) if "wheel" in one else None for one in records]
+    return [
+        one
+        if torque is None or not one.keys().isdisjoint(FUNCTIONS)
+        else with_torques(load_of([one]), torque).description[0]
+        for one, torque in zip(records, torques, strict=True)
+    ]
 
 
 def loads_in_words(parts: list[dict[str, Any]]) -> list[str]:

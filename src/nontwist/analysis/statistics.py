@@ -246,13 +246,13 @@ def second_quotient(run_h: Dataset, run_h2: Dataset, run_h4: Dataset, *, variabl
     steps = [as_number(run.attrs["step"], "the step of a run") for run in runs]
     if not np.allclose([steps[0] / 2, steps[0] / 4], steps[1:], rtol=1e-9):
         raise ValueError(f"the steps must be h, h/2, h/4; got {', '.join(f'{h:.12g}' for h in steps)} s")
-    time = run_h["time"].values[1:]
-    x, x2, x4 = (_at(run, variable, time) for run in (run_h, run_h2, run_h4))
+    time = runs[0]["time"][1:]
+    x, x2, x4 = (_at(run, variable, time.values) for run in runs)
     numerator, denominator = (np.linalg.norm(d.reshape(len(d), -1), axis=1) for d in (x - x2, x2 - x4))
     with np.errstate(divide="ignore", invalid="ignore"):
         quotient = np.where(denominator > 0, numerator / denominator, np.nan)
     attrs = {"units": "1", "long_name": "second quotient of precision", "symbol": "Q_II", "variable": variable}
-    return xarray.DataArray(quotient, {"time": run_h["time"][1:]}, ("time",), "second_quotient", attrs)
+    return xarray.DataArray(quotient, {"time": time}, ("time",), "second_quotient", attrs)
 
 
 def observed_order(run_h: Dataset, run_h2: Dataset, run_h4: Dataset, *, variable: str = "directors") -> DataArray:
@@ -302,4 +302,4 @@ def _at(run: Dataset, variable: str, time: Array) -> Array:
         raise ValueError(
             f"the run with step {run.attrs['step']:.12g} s does not contain the time {time[np.argmax(gap)]:.12g} s"
         )
-    return run[variable].transpose("time", ...).values[index]
+    return run[variable].values[index]

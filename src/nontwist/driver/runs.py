@@ -9,6 +9,7 @@ of a state that is taken up again. No kink of the load is crossed: a stored inte
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from typing import Any, Unpack
 
@@ -18,8 +19,7 @@ from numpy.typing import ArrayLike
 from ..analysis.datasets import RUN, as_dataset
 from ..analysis.joining import parts_of
 from ..analysis.trajectory import Trajectory, segments_from, state_dataset
-from ..analysis.variables import VARIABLES
-from ..geometry.arrays import Array, Dataset, as_array
+from ..geometry.arrays import Array, Dataset, as_array, require_finite
 from ..geometry.attitudes import States, states_of, without_jumps
 from ..integrators import INTEGRATORS, IVP, Integrator, SimulationError, SimulationInterrupt
 from ..integrators.ivp import FIT, Segments, segmented, started
@@ -260,8 +260,10 @@ def resample(run: Dataset, times: ArrayLike, load: Load | Term | None = None) ->
         raise ValueError(
             "the parts of the run have different loads: leave load= out, or resample each before join_runs"
         )
-    p, q, v, W = (run[name].transpose(*VARIABLES[name][0]).values for name in NEEDED[1:])
-    N, z = states_of(q, v)[2], run["internal_state"].transpose("time", ...).values if "internal_state" in run else None
+    for name in NEEDED:  # a failed member has none from some time on
+        require_finite(run[name].values, name)
+    p, q, v, W = (run[name].values for name in NEEDED[1:])
+    N, z = states_of(q, v)[2], run["internal_state"].values if "internal_state" in run else None
     stored = States(p, W, N if abs(N).max() > completion.TANGENT * max(abs(W).max(), 1e-300) else None, internal=z)
     spans = [(max(part["t_start"], t[0]), min(part["t_end"], t[-1])) for part in parts]
     kept = [k for k, (first, last) in enumerate(spans) if first < last]
@@ -269,7 +271,7 @@ def resample(run: Dataset, times: ArrayLike, load: Load | Term | None = None) ->
     of, found, states = np.clip(of, kept[0], kept[-1]), [], stored
     for k in kept:
         (first, last), here, seam = spans[k], of == k, states.part(slice(-1, None))
-        acting = _of_member(run, load_of(parts[k]["load"]) if load is None else as_load(load))
+        acting = load_of(parts[k]["load"]) if load is None else _of_member(run, as_load(load))
         acting = of_body(acting, system.inertia)
         if acting.remembering:
             as_dataset(run, RUN, ("internal_state",))
@@ -289,7 +291,8 @@ def resample(run: Dataset, times: ArrayLike, load: Load | Term | None = None) ->
         whole = xarray.concat([one[names] for _, one in found], "time", data_vars="minimal")
         whole = whole.isel(time=np.argsort(np.concatenate([places for places, _ in found])))
         whole["quaternion"].values[:] = without_jumps(whole["quaternion"].values.copy())
-    return whole.assign_attrs(run.attrs | {"resampled": "between stored states"})
+    own = {"load": json.dumps(parts[-1]["load"]), "resampled": "between stored states"}
+    return whole.assign_attrs(run.attrs | own)
 
 
 def _of_member(run: Dataset, load: Load) -> Load:

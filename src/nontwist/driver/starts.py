@@ -303,6 +303,9 @@ def one_attitude(value: Any, scalar_first: bool | None, name: str, is_motion: bo
     R: Rotation = as_rotation(value, scalar_first=scalar_first)
     if R.single:
         return R
+    if len(shape := R.as_quat().shape[:-1]) > 1 or not len(R):
+        several = "; run.isel(member=0) is one run of an ensemble" * ("member" in getattr(value, "dims", ()))
+        raise ValueError(f"{name} must be one attitude or one motion, got attitudes of the shape {shape}{several}")
     has_times = "time" in value.dims if hasattr(value, "dims") else hasattr(value, "time") or hasattr(value, "columns")
     if len(R) > 1 and not (is_motion or has_times):
         several = "; simulate_ensemble takes several" * (name == "rotation")
@@ -410,7 +413,8 @@ def last_state(start: Any) -> Starts | None:
         p, W = np.array([start.quaternion]), np.array([start.material_angular_velocity])
         return Starts(p, W, time=start.time, internal=np.array([z]) if z else None, wheels=wheels)
     if hasattr(start, "data_vars"):
-        start = as_dataset(start, "a run for start=", [name for name in NEEDED if name in start])
+        has_velocities = "director_velocities" in start
+        start = as_dataset(start, "a run for start=", [name for name in NEEDED if has_velocities or name in start])
     if not hasattr(start, "director_velocities"):
         return None
     require_states(start)
@@ -519,7 +523,7 @@ def _of_member(start: Any) -> Any:
 def _of_run(start: Any) -> Starts:
     """Return the last states of an ensemble, or that of a run."""
     require_states(start)
-    if not hasattr(start, "member"):
+    if "member" not in getattr(start, "dims", ()):
         state = last_state(start)
         if state is None or state.time is None:
             raise ValueError("start= must be a run or an ensemble; for attitudes alone there is rotation=")
@@ -528,12 +532,12 @@ def _of_run(start: Any) -> Starts:
     if names:
         them = "them" if len(names) > 1 else "it"
         raise ValueError(f"start= lacks {' and '.join(names)}; store {them} with variables= in the earlier run")
-    if "time" not in start.dims:
+    if "time" not in start.indexes:
         words = "give rotation=start.quaternion, material_angular_velocity=start.material_angular_velocity and t_start="
         raise ValueError(f"start= has no dimension time; {words}")
     if others := [str(dim) for dim in start.quaternion.dims if dim not in ("member", "time", "quat")]:
         raise ValueError(f"start= has the dimension {others[0]}, and not member: start.rename({others[0]}='member')")
-    last = in_order(start).isel(time=-1)
+    last = as_dataset(start, "an ensemble for start=").isel(time=-1)
     p, W = (as_floats(last[name].values, f"start.{name}") for name in ("quaternion", "material_angular_velocity"))
     N = None
     failed = np.flatnonzero(~np.isfinite(p).all(axis=1))

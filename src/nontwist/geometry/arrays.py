@@ -117,7 +117,8 @@ def in_order(data: Any) -> Any:
         return data
     for dim in ("director", "axis", "quat"):
         if dim in data.dims and dim in data.coords:
-            data = data.isel({dim: _places(data[dim].values)})
+            places = _places(data[dim].values)
+            data = data if places == sorted(places) else data.isel({dim: places})
     return data
 
 

@@ -310,8 +310,8 @@ def energy_drift(runs: Runs, ax: Axes | None = None, **properties: Any) -> Axes:
         K, V = (variable(run, label, f"{kind}_energy") for kind in ("kinetic", "potential"))
         E = K + V
         balance = E.values - E.values[0]
-        if "load_work" in run or run.attrs["load"] != "[]":
-            variable(run, label, "load_work", "draw the run before it is resampled")
+        if "load_work" in run or run.attrs.get("load", "[]") != "[]":
+            variable(run, label, "load_work")
             work = work_of(run)[0]
             balance -= work - work[0]
         scale = float((K + abs(V)).max()) or 1.0
@@ -392,8 +392,8 @@ def second_quotient(quotients: Quotients, ax: Axes | None = None, *, order: int 
     """
 
     def curves(quotient: Any, label: str) -> dict[str, Any]:
-        if hasattr(quotient, "data_vars"):
-            raise ValueError("pass the result of nontwist.comparison.second_quotient(run_h, run_h2, run_h4), not a run")
+        if hasattr(quotient, "data_vars") or quotient.dims != ("time",):
+            raise ValueError("pass the result of nontwist.comparison.second_quotient(run_h, run_h2, run_h4)")
         return {"Q": quotient}
 
     limit = 2 ** as_whole(order, "order", 1, 20)

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from ..analysis.datasets import RUN, as_dataset
+from ..analysis.variables import VARIABLES
 from ..geometry.arrays import Axes, DataArray, Dataset
 from ..viewer.drawing import colours
 
@@ -232,13 +233,16 @@ def labelled(runs: Any) -> dict[str, Any]:
             raise ValueError(f"{_named(name)} is an ensemble: choose a member, run.isel(member=0)")
         if not run.sizes.get("time"):
             raise ValueError(f"{_named(name)} has no times: nothing can be drawn over time")
-    return {str(name): run for name, run in table.items()}
+    return {str(name): as_dataset(run, RUN) if hasattr(run, "data_vars") else run for name, run in table.items()}
 
 
 def variable(run: Any, label: str, name: str, remedy: str = "") -> Any:
     """Return the variable `name` of a run; a ValueError with the `remedy` where it has none."""
+    run = as_dataset(run, RUN)
     if name not in run:
-        raise ValueError(f"{_named(label)} has no {name}: {remedy or 'it has ' + ', '.join(map(str, run))}")
+        has_intervals = "midtime" in run.dims or VARIABLES[name][0][0] != "midtime"
+        why = remedy if has_intervals else "what resample returns, and members of ensembles, have nothing of intervals"
+        raise ValueError(f"{_named(label)} has no {name}: {why or 'it has ' + ', '.join(map(str, run))}")
     return as_dataset(run, RUN, (name,))[name]
 
 
@@ -248,7 +252,7 @@ def _named(label: str) -> str:
 
 def symbol(data: Any, index: str = "") -> str:
     """Return the symbol of a variable, with an index, as mathematical text; an index replaces the i of d_i."""
-    text = re.sub(r"_(\w\w+)", r"_{\\mathrm{\1}}", data.attrs["symbol"])
+    text = re.sub(r"_(\w\w+)", r"_{\\mathrm{\1}}", data.attrs.get("symbol", data.name))
     if index and "_i" in text:
         return f"${text.replace('_i', f'_{{{index}}}')}$"
     return f"${text}_{{{index}}}$" if index else f"${text}$"

@@ -24,6 +24,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..analysis.datasets import body_of
 from ..geometry.arrays import Array, Axes, arcs, as_number
 from ..geometry.values import as_whole, require_among
 from ..loads.kinds import load_of
@@ -250,8 +251,11 @@ def path(
 
 
 def _directors(run: Any, label: str) -> Array:
-    frame = run["frame"] if "frame" in run else variable(run, label, "directors")
-    return frame.transpose("time", "director", "axis").values
+    frame = (run["frame"] if "frame" in run else variable(run, label, "directors")).values
+    known: Array = frame[np.isfinite(frame).all(axis=(1, 2))]  # what a failed member has not reached is NaN
+    if not len(known):
+        raise ValueError("no attitude of the run is finite")
+    return known
 
 
 def _width(d: Array) -> float:
@@ -361,14 +365,14 @@ def polhode(
     """
     given, table = given_look(properties, "polhode"), labelled(runs)
     velocities = {label: variable(run, label, "material_angular_velocity") for label, run in table.items()}
-    systems = {label: DirectorSystem.from_json(run.attrs["system"]) for label, run in table.items()}
+    systems = {label: body_of(run) for label, run in table.items()}
     J, P = np.linalg.eigh(_common_inertia(systems))
-    body: Array = np.sqrt(J[0] / J) * P  # from the unit sphere to the ellipsoid, its longest half-axis 1
+    half_axes: Array = np.sqrt(J[0] / J) * P  # from the unit sphere to the ellipsoid, its longest half-axis 1
     polhodes = {label: _polhode(W, label, np.sqrt(J) * P) for label, W in velocities.items()}
     with style():
-        points = np.concatenate([spaced(y) for y in polhodes.values()]) @ body.T
+        points = np.concatenate([spaced(y) for y in polhodes.values()]) @ half_axes.T
         V = view(elevation, azimuth, points)
-        screen, towards = V @ body, V[2] @ (P * np.sqrt(J))  # y lies on the near side where y·towards >= 0
+        screen, towards = V @ half_axes, V[2] @ (P * np.sqrt(J))  # y lies on the near side where y·towards >= 0
         feet, outline = np.sqrt(J[0] / np.einsum("ki,i,ki->k", P, J, P)), circle_about(towards) @ screen.T
         edges = extent(V, feet, outline[:, :2])
         left, right, below, above = edges
@@ -402,7 +406,7 @@ def _common_inertia(systems: dict[str, DirectorSystem]) -> Array:
 
 def _polhode(W: Any, label: str, root: Array) -> Array:
     """Return the angular velocity on the unit sphere, (n, 3), without the times of rest."""
-    y = W.transpose("time", "director").values @ root
+    y = W.values @ root
     length = np.linalg.norm(y, axis=1)
     moving = length > _SAME * np.fmax.reduce(length)  # and not NaN
     if not moving.any():

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
+from ..analysis.datasets import body_of
 from ..errors import warn
 from ..geometry.arrays import Array, Axes
 from ..geometry.attitudes import turns
@@ -74,7 +74,7 @@ def _warn_of_polygons(runs: dict[str, Any]) -> None:
     for label, run in runs.items():
         if "system" not in run.attrs or "quaternion" not in run or not 1 < run.sizes["time"] < _FEW:
             continue
-        p = variable(run, label, "quaternion").transpose("time", ...).values
+        p = variable(run, label, "quaternion").values
         turn = float(turns(p[:-1], p[1:]).max())
         if turn > FAR:
             warn(
@@ -206,7 +206,8 @@ def twist_angle(
 def _twist(run: Any, label: str) -> Any:
     """Return the twist of a run about the axis of its constraint, or about its third director."""
     variable(run, label, "directors")
-    return twist(run, axis=json.loads(run.attrs["system"])["axis"] or (0, 0, 1))
+    axis = body_of(run).axis
+    return twist(run, axis=(0, 0, 1) if axis is None else axis)
 
 
 def _like(angle: Any, values: Array, unit: str) -> Any:

@@ -202,10 +202,10 @@ class Samples:
 
 def one_motion(motion: Any, scalar_first: bool | None) -> Motion:
     """Return the motion of one body; a ValueError where it is of several."""
-    found = raw_motion(motion, scalar_first)
+    found, is_many = raw_motion(motion, scalar_first), "member" in getattr(motion, "dims", ())
     shape = found.values.shape
-    if len(shape) != (2 if shape[-1] == 4 else 3):
-        hint = "; run.isel(member=0) is one run of an ensemble" * ("member" in getattr(motion, "dims", ()))
+    if is_many or len(shape) != (2 if shape[-1] == 4 else 3):
+        hint = ", of several members; run.isel(member=0) is one of an ensemble, sweep_member of a sweep" * is_many
         raise ValueError(f"a motion has one attitude for each time, (n, 4) or (n, 3, 3), got {shape}{hint}")
     return found
 

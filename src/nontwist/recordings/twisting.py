@@ -255,7 +255,7 @@ def _counted(motion: Any, count: int, n: Array) -> tuple[Array, Array] | None:
     if isinstance(motion, Trajectory) and motion.twist is not None:
         axis, time, mean = motion.system.axis, motion.time, motion.twist / np.diff(motion.time)
         rate = motion.observables("twist_rate")["twist_rate"]
-    elif {"mean_twist_rate", "twist_rate"} <= {*getattr(motion, "variables", ())}:
+    elif {"mean_twist_rate", "twist_rate"} <= {*getattr(motion, "variables", ())} and "system" in motion.attrs:
         run = as_dataset(motion, RUN)
         axis = recorded(run, "system")["axis"]
         time, mean, rate = (run[name].values for name in ("time", "mean_twist_rate", "twist_rate"))

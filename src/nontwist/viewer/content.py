@@ -27,7 +27,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..analysis.datasets import RUN, as_dataset
+from ..analysis.datasets import RUN, as_dataset, of_member
 from ..analysis.joining import loads_in_words, parts_of
 from ..analysis.trajectory import Trajectory
 from ..geometry.arrays import Array, Dataset, as_array, as_positive
@@ -55,12 +55,12 @@ def panels(run: Dataset, twisted: Dataset) -> list[dict[str, Any]]:
     found = [_panel(time, "Twist", "°", "", psi, angle, np.degrees(1.0))]
     if "spatial_momentum" not in run:
         return [*found, _panel(time, "Solid angle of the path", "°", "", area, angle, np.degrees(1.0))]
-    pi, Pi = (run[name].transpose("time", ...).values.T for name in ("spatial_momentum", "material_momentum"))
+    pi, Pi = (run[name].values.T for name in ("spatial_momentum", "material_momentum"))
     K, V = run["kinetic_energy"].values, run["potential_energy"].values
     size = float(np.linalg.norm(Pi, axis=0).max())
     if "reaction_moment" in run:
         start = run["time"].values[0]
-        mu, W = run["reaction_moment"], run["material_angular_velocity"].transpose("time", ...).values
+        mu, W = run["reaction_moment"], run["material_angular_velocity"].values
         scale = max(size * float(np.linalg.norm(W, axis=1).max()), float(abs(mu).max()))
         found.append(_panel(mu["midtime"].values - start, "Reaction moment", "N m", "", {"−μ": mu.values}, scale))
     if wheels := [momentum for _, momentum in momenta_of_rotors(run)]:
@@ -165,6 +165,7 @@ def content(run: Any) -> dict[str, Any]:
         No run, twist result or motion of one body, or fewer than two states.
     """
     run = run.to_dataset() if isinstance(run, Trajectory) else run
+    run = of_member(run)
     if "system" not in getattr(run, "attrs", {}):
         return _recording(run)
     run, system = _checked(run)
@@ -172,7 +173,7 @@ def content(run: Any) -> dict[str, Any]:
     n = np.array([0.0, 0.0, 1.0]) if system.axis is None else system.axis
     triad, twisted = triad_about(n), twist(run, axis=n)
     run = run.sel(time=twisted["time"])  # of states closer in time than round-off, the first
-    attitudes = triad @ run["directors"].transpose("time", "director", "axis").values
+    attitudes = triad @ run["directors"].values
     box, weighing = box_of(system, run.attrs, triad)
     about = {
         "Body": body_in_words(system),
@@ -200,11 +201,12 @@ def _recording(motion: Any) -> dict[str, Any]:
     """Return the data of what `twist` has returned, or takes."""
     given = getattr(motion, "data_vars", {})
     twisted = motion if "twist_angle" in given and "frame" in given else _twisted(motion)
+    twisted = as_dataset(twisted, "a result of twist", ("time",))
     if twisted["time"].attrs.get("units") != "s":
         raise ValueError("the recording has no times; use view(twist(motion, time))")
     if twisted.attrs.get("axis_frame", "body") != "body":
         raise ValueError("this is the twist about an axis fixed in space; the page shows axes fixed in the body")
-    psi, frame = twisted["twist_angle"].values, twisted["frame"].transpose("time", "director", "axis").values
+    psi, frame = twisted["twist_angle"].values, twisted["frame"].values
     c, s = np.cos(psi)[:, None], np.sin(psi)[:, None]
     f1, f2, f3 = frame.swapaxes(0, 1)
     attitudes = np.stack([c * f1 + s * f2, c * f2 - s * f1, f3], axis=1)

@@ -135,13 +135,13 @@ class Kernel:
 
     def function_for(self, work: float) -> Any:
         """Return the C function for so many more steps: of code that is made quickly, until better code is worth it."""
-        with machine_code.LOCK:
-            self._work += work
-            if self._function is not None or self._work >= machine_code.ENOUGH:
-                return self.function
-            if self._quick is None:
-                self._quick = machine_code.function_of(self.code(), ENTRY, level=machine_code.QUICK)
-            return self._quick
+        self._work += work
+        if self._function is not None or self._work >= machine_code.ENOUGH:
+            return self._function or self.function
+        if self._quick is None:
+            with machine_code.LOCK:
+                self._quick = self._quick or machine_code.function_of(self.code(), ENTRY, level=machine_code.QUICK)
+        return self._quick
 
     @property
     def address(self) -> int:

@@ -423,6 +423,22 @@ def test_a_plan_leaves_compilation_out(write, monkeypatch):
     assert coming.seconds == coming.members * coming.seconds_each
 
 
+def test_plan_runs_slow_members_once(write, monkeypatch):
+    members, now, tried = Members(read_run_file(write(HELD))), [0.0], []
+    run = members.run
+
+    def timed(numbers):
+        results = run(numbers)
+        tried.append(len(results.status))
+        now[0] += 2.0 * tried[-1]
+        return results
+
+    monkeypatch.setattr(members, "run", timed)
+    monkeypatch.setattr("nontwist.sweeps.sweeping.perf_counter", lambda: now[0])
+    assert plan(members, 2).seconds_each == pytest.approx(2.0)
+    assert tried == [2, len(members)]
+
+
 def test_spans_of_time_in_words():
     spans = {0: "0 s", 3e-5: "30 µs", 0.42: "420 ms", 5.04: "5 s", 42.4: "42 s", 59.7: "1 min 0 s", 185: "3 min 5 s"}
     spans |= {7500: "2 h 5 min", 270000: "3 d 3 h"}

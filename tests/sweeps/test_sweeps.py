@@ -475,7 +475,7 @@ def test_several_errors_at_once(write):
     kept = stepless.replace("[[sweep.over]]", 'variables = ["spin"]\n[[sweep.over]]', 1)
     misspelt = HELD.replace("body.axis.0", "body.axs.0")
     event, orbit = '[[event]]\nkind = "spin-below"\nvalue = 0.1\n', ORBIT.partition("\n")[0].replace(" = ", "=", 1)
-    reduced = 'sweep.reduce=["drift"]'
+    reduced, unlike = 'sweep.reduce=["drift"]', '{ kind = "wheel", axis = [1, 0], inertia = 0.1 }'
     for text, keys, *changes in (
         (misspelt.replace("[[sweep", 'reduce = ["drfit"]\n[[sweep', 1), ["sweep.reduce.0", "sweep.over.0.key"]),
         (misspelt + a_list("body.axis.1", []), ["sweep.over.1.values", "sweep.over.0.key"]),
@@ -483,6 +483,7 @@ def test_several_errors_at_once(write):
         (kept, ["sweep.variables.0", "time.step"]),
         (FREE, ["sweep.reduce"], reduced, 'integrator={name="exact"}'),
         (FREE, ["sweep.reduce"], reduced, orbit),
+        (FREE, ["load.0.axis"], 'sweep.variables=["wheel_speed"]', f"load=[{unlike}]"),
     ):
         assert [told.partition(": ")[0] for told in problems_of(write(text), *changes)] == keys
     with pytest.raises(RunFileError, match=r"\[sweep\]: event: 2 tables -> left out"):

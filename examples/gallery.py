@@ -125,8 +125,8 @@ def show_dna_circle():
 
 PAGE = """# Gallery
 
-Every function of `nontwist.plot` draws one run, or several, passed as a dictionary with labels as keys. Colour
-distinguishes components, line style distinguishes runs; both are distinct in greyscale. A figure is one column wide
+Every function of `nontwist.plot` draws one run, or several, in a dictionary with labels as keys. Colour
+distinguishes components, line style runs; both are distinct in greyscale. A figure is one column wide
 (89 mm) unless axes are given, as by `plot.new_axes(columns=2, panels=2)`; `with plot.style("springer"):` uses the type
 of another journal. `plot.save(ax, "figure.pdf", "figure.png")` writes the figure.
 
@@ -139,12 +139,14 @@ of another journal. `plot.save(ax, "figure.pdf", "figure.png")` writes the figur
 The last figures use these curves:
 
 ```python
+import numpy as np
+
 {curves}
 ```
 
 ## Figures for slides
 
-Settings of `matplotlib.rcParams` take precedence; `height=4.05` gives a figure of two columns the shape of 16:9.
+Settings of `matplotlib.rcParams` take precedence; `height=4.05` gives two columns the shape of 16:9.
 
 ```python
 import matplotlib

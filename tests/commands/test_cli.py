@@ -251,6 +251,7 @@ ENDS = {
         run run
         run case2.toml
         run case2.nc
+        run rest.nc
         run sub
         reproduce --quick --out file
     """,

@@ -511,6 +511,12 @@ def test_nontwisting_body_lacks_one_moment():
 # What is said
 
 
+def slender():
+    """What a gyroscope reads of a body that is hardly more than a mass at its centre."""
+    body = nt.heavy_top(nt.inertia.shift(0.1 * J, MASS, CENTRE), MASS, CENTRE)
+    return recorded(body, 1.0, (2, -3, 6), sensor={"rate": 100}, rotation=Rotation.from_euler("x", 80, degrees=True))
+
+
 def of_swing(**acting):
     return lambda: nt.fit_inertia(swing(), **acting)
 
@@ -531,6 +537,7 @@ test_what_cannot_act_is_refused = refused_as(
         "damping without a scale": of_swing(damping=1e-3),
         "no axis": of_swing(gravity="unknown", constraint=(0, 0, 0)),
         "an axis alone": of_swing(constraint="z"),
+        "a wrong distance": lambda: nt.fit_inertia(slender(), gravity={"mass": MASS, "distance": 1.2 * FAR}),
         "another centre": lambda: nt.fit_inertia(swing(seconds=0.3), gravity={"mass": MASS, "centre": (0.15, 0, 0)}),
     }
 )

@@ -145,6 +145,16 @@ def test_compiled_and_mapped_bits(plain):
     assert np.array_equal(found[2, 1], plain(point)["rotation"])
 
 
+@pytest.mark.parametrize(("name", "load"), [("wheel", nt.wheel("z", 0.1, speed=9)), ("rotor", nt.rotor("z", 0.9))])
+def test_axes_of_any_length(name, load):
+    f, n = (
+        attitude_of(function(nt.standard(J), load=load, material_angular_velocity=W0, **GRID)),
+        np.array([1, 2, 2]) / 3,
+    )
+    slope, longer = (jax.grad(lambda axis: f({name: axis}))(length * n) for length in (1, 7))
+    assert abs(slope - 7 * longer).max() < 1e-12 * abs(slope).max()
+
+
 def test_matrices_and_axes_are_extended():
     """By what their docstring says: the nearest rotation, the symmetric part, the direction."""
     random, n = np.random.default_rng(13), np.array([1, 2, 2]) / 3

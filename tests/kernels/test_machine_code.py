@@ -4,6 +4,7 @@ import os
 import shutil
 import subprocess
 import sys
+from functools import cache
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -13,7 +14,7 @@ from llvmlite import binding
 
 import nontwist
 from conftest import BODIES, PAPER_J, or_long
-from nontwist import Load, damping, heavy_top, integrate, sine, standard
+from nontwist import Load, damping, heavy_top, integrate, propagator, sine, standard
 from nontwist.engine.records import BLOCK
 from nontwist.engine.workspace import CALL, IN_BLOCK
 from nontwist.integrators import INTEGRATORS, IVP, dense, stack_march
@@ -87,10 +88,32 @@ def test_optimisation_changes_no_bit(name, order, monkeypatch):
     found = set()
     for level, processor in ((0, own), *((1, one) for one in (own, *known.items()))):
         monkeypatch.setattr(machine_code, "LEVEL", level)
+        monkeypatch.setattr(machine_code, "ENOUGH", 0)
         monkeypatch.setattr(machine_code, "processor", lambda processor=processor: processor)
         run = integrate(heavy_top(PAPER_J, 0.3, (0, 0.1, 0.4)), material_angular_velocity=(6, -8, 0), **how)
         found.add((run.directors.tobytes(), run.director_velocities.tobytes()))
     assert len(found) == 1
+
+
+def test_better_code_after_many_steps(monkeypatch):
+    """Of kernels, and of marches that are kept with the addresses of theirs."""
+    how = {"t_end": 1.3, "step": 0.1, "material_angular_velocity": (1, 2, 3)}
+    integrate(standard([2, 3, 4]), **how)  # makes what is called around marches
+    levels, made = [], machine_code.function_of
+    monkeypatch.setattr(machine_code, "LEVEL", 1)
+    monkeypatch.setattr(machine_code, "ENOUGH", 50)
+    monkeypatch.setattr(stack_march, "march_kernel", cache(stack_march.march_kernel.__wrapped__))
+
+    def noted(*arguments, level=None):
+        levels.append(level)
+        return made(*arguments, level=level)
+
+    monkeypatch.setattr(machine_code, "function_of", noted)
+    runs = [integrate(standard([2, 3, 4.03125]), **how).directors.tobytes() for _ in range(5)]
+    assert levels == [machine_code.QUICK, None]
+    assert len(set(runs)) == 1
+    propagator(standard([2, 3, 4]), t_end=1.3, step=0.1, integrator="lie-midpoint")
+    assert levels[2:] == [None]
 
 
 def test_pure_line_is_written_once():

@@ -153,6 +153,13 @@ WRITTEN = {
 }
 
 
+def test_written_inertia_keeps_bits(tmp_path):
+    problem = posed(nt.standard([[0.5, 0.02, -0.01], [0.02, 0.42, 0.03], [-0.01, 0.03, 0.25]]))
+    problem.write(tmp_path / "run.toml")
+    assert Problem.read(tmp_path / "run.toml").system == problem.system
+    assert "[0.02, 0.42, 0.03]" in (tmp_path / "run.toml").read_text(encoding="utf-8")
+
+
 @pytest.mark.parametrize("name", WRITTEN)
 def test_written_and_read(name, tmp_path):
     """And its forecast is of the run."""

@@ -13,6 +13,7 @@ import numpy as np
 import pandas
 import pytest
 import xarray
+from scipy.io import savemat
 from scipy.spatial.transform import Rotation
 
 from conftest import ended
@@ -511,7 +512,7 @@ def test_options_of_the_second_file(command, facts):
     wrong = command(one, "--relative-to", two, *shared, code=3).stderr
     assert "two.csv: the column 'time' does not state its unit" in wrong
     assert "--time-unit is" in wrong
-    assert 'for this file alone: --relative-options "..."' in wrong
+    assert 'for the second sensor alone: --relative-options "..."' in wrong
     own = "--inverse --scalar-first --time-unit ms"
     found = facts(one, "--relative-to", two, "--relative-options", own, *shared)
     swapped = facts(two, *own.split(), "--relative-to", one, "--relative-options", "", *shared)
@@ -523,7 +524,7 @@ def test_options_of_the_second_file(command, facts):
 
 OTHER = ("--relative-to", "{}", "--relative-options")
 WRONG_OPTIONS = {
-    "no file": (("--relative-options", "--inverse"), "there is no second file: --relative-to FILE"),
+    "no file": (("--relative-options", "--inverse"), "there is no second sensor: --relative-to FILE"),
     "of the first": ((*OTHER, "--axis x"), "--axis is not one of --time-column"),
     "body": ((*OTHER, "--body a"), "--body is not one of"),
     "help": ((*OTHER, "-h"), "nontwist twist -h lists them"),
@@ -550,8 +551,20 @@ def test_messages_name_second_options(command):
         (single, "the second recording: a twist needs at least 2 samples; 1 of 1 are left"),
     ):
         assert told in command(one, "--relative-to", other, code=3).stderr
-    of_one_file = command(two, "--body", "a", "--relative-columns", "b_qx,b_qy,b_qz", code=3).stderr
-    assert "--relative-options" not in of_one_file
+
+
+def test_options_within_one_file(command, facts):
+    t = np.arange(0, 20, 0.02)
+    thigh = Rotation.from_euler("ZYX", np.stack([np.sin(t), 0.5 * np.cos(2.3 * t), 0.3 * t], axis=1))
+    shank = thigh * Rotation.from_rotvec(np.outer(0.1 * t, [1, 0, 0]))
+    savemat("leg.mat", {"t": t, "shank": np.moveaxis(shank.as_matrix(), 0, -1), "thigh": thigh.as_quat()})
+    first, last = ("leg.mat", "--axis", "x", "--body"), ("--scalar-last",)
+    forth, back = ("shank", "--relative-body", "thigh"), ("thigh", *last, "--relative-body", "shank")
+    for lacking in (forth, back):
+        assert '; for the second sensor alone: --relative-options "..."' in command(*first, *lacking, code=3).stderr
+    for given, own, sign in ((forth, "--scalar-last", 1), (back, "", -1)):
+        found = facts(*first, *given, "--relative-options", own)
+        assert found["twist_angle"] == pytest.approx(sign * 0.1 * t[-1], abs=1e-9)
 
 
 def test_gaps_of_the_second_sensor():

@@ -426,6 +426,22 @@ def test_a_plan_leaves_compilation_out(write, monkeypatch):
     assert coming.seconds == coming.members * coming.seconds_each
 
 
+def test_plan_runs_slow_members_once(write, monkeypatch):
+    members, now, tried = Members(read_run_file(write(HELD))), [0.0], []
+    run = members.run
+
+    def timed(numbers):
+        results = run(numbers)
+        tried.append(len(results.status))
+        now[0] += 2.0 * tried[-1]
+        return results
+
+    monkeypatch.setattr(members, "run", timed)
+    monkeypatch.setattr("nontwist.sweeps.sweeping.perf_counter", lambda: now[0])
+    assert plan(members, 2).seconds_each == pytest.approx(2.0)
+    assert tried == [2, len(members)]
+
+
 def test_spans_of_time_in_words():
     spans = {0: "0 s", 3e-5: "30 µs", 0.42: "420 ms", 5.04: "5 s", 42.4: "42 s", 59.7: "1 min 0 s", 185: "3 min 5 s"}
     spans |= {7500: "2 h 5 min", 270000: "3 d 3 h"}
@@ -462,7 +478,7 @@ def test_several_errors_at_once(write):
     kept = stepless.replace("[[sweep.over]]", 'variables = ["spin"]\n[[sweep.over]]', 1)
     misspelt = HELD.replace("body.axis.0", "body.axs.0")
     event, orbit = '[[event]]\nkind = "spin-below"\nvalue = 0.1\n', ORBIT.partition("\n")[0].replace(" = ", "=", 1)
-    reduced = 'sweep.reduce=["drift"]'
+    reduced, unlike = 'sweep.reduce=["drift"]', '{ kind = "wheel", axis = [1, 0], inertia = 0.1 }'
     for text, keys, *changes in (
         (misspelt.replace("[[sweep", 'reduce = ["drfit"]\n[[sweep', 1), ["sweep.reduce.0", "sweep.over.0.key"]),
         (misspelt + a_list("body.axis.1", []), ["sweep.over.1.values", "sweep.over.0.key"]),
@@ -470,6 +486,7 @@ def test_several_errors_at_once(write):
         (kept, ["sweep.variables.0", "time.step"]),
         (FREE, ["sweep.reduce"], reduced, 'integrator={name="exact"}'),
         (FREE, ["sweep.reduce"], reduced, orbit),
+        (FREE, ["load.0.axis"], 'sweep.variables=["wheel_speed"]', f"load=[{unlike}]"),
     ):
         assert [told.partition(": ")[0] for told in problems_of(write(text), *changes)] == keys
     with pytest.raises(RunFileError, match=r"\[sweep\]: event: 2 tables -> left out"):

@@ -14,7 +14,7 @@ import typer
 
 import nontwist
 
-from ..errors import SENTENCES, InputError, ShellOptions
+from ..errors import SENTENCES, InputError, Option, ShellOptions
 from ..geometry.values import error_place, error_text, number_text, text_to_place
 from ..io.whole import require_free, written
 from ..recordings.options import ReadOptions
@@ -54,7 +54,7 @@ DATA = argument(
     "DATA", "Recording: CSV, OpenSim, MVNX, BVH, NumPy, MATLAB, C3D, ROS or NetCDF; - for CSV on standard input."
 )
 SECOND = Opt("Recording of a second sensor; measure the twist relative to it.", "FILE")
-SECOND_READ = Opt('How to read FILE, if not like DATA: "--inverse --time-unit ms", or "".', "OPTIONS")
+SECOND_READ = Opt('How to read the second sensor, if not like the first: "--inverse --time-unit ms", or "".', "OPTIONS")
 CLOCKS = Opt(
     "Clocks of the two sensors: shared, or with a shift, or shift and drift, found from angular speeds.",
     default="shared for one file; for two files, from their dates or times",
@@ -117,9 +117,8 @@ def twist_command(
     require_free(*places.values(), force=answer.force)
     with about(f"cannot read {data}", OSError), about(data, ValueError):
         motion = nontwist.read_motion(sys.stdin if data == "-" else data, **vars(reading))
-    lone = relative_options is not None and relative_to is None
     refuse(
-        (lone, "--relative-options", "there is no second file: --relative-to FILE"),
+        (second is None and relative_options is not None, "--relative-options", none),
         (second is None and clocks, "--clocks", none),
         (second is None and shake, "--shake", none),
         (static is not None and align is None, "--static", "requires --align static"),
@@ -129,7 +128,7 @@ def twist_command(
     if second is not None:
         own = dict(vars(reading)) if relative_options is None else read_otherwise(ctx, second, relative_options)
         own |= {"columns": names_of(relative_columns), "body": relative_body}
-        with about(f"cannot read {second}", OSError), about(second, ValueError), _of_the_second(second, relative_to):
+        with about(f"cannot read {second}", OSError), about(second, ValueError), _of_second(second, relative_options):
             other = nontwist.read_motion(second, **own)
     is_run = (
         "orientation: a run of this package" in motion.attrs["notes"] and other is None and reading == ReadOptions()
@@ -166,15 +165,16 @@ def _named(out: Path) -> Path:
 
 
 @contextmanager
-def _of_the_second(file: str, given: str | None) -> Iterator[None]:
-    """Name the options of the second file, where one is given, where a message names those of the first."""
+def _of_second(file: str, given: str | None) -> Iterator[None]:
+    """Name the options of the second sensor; if none are given it has those of the first."""
     try:
         yield
     except InputError as error:
         own = ShellOptions(body="--relative-body", columns="--relative-columns")
-        sentence = SENTENCES[error.code] if given else ""
+        sentence = SENTENCES[error.code]
+        is_shared = given is None and any(isinstance(one, Option) for one in error.fields.values())
         needs_more = "{option[" in sentence and not any(f"[{name}]" in sentence for name in ("body", "columns"))
-        more = '; for this file alone: --relative-options "..."' if needs_more else ""
+        more = '; for the second sensor alone: --relative-options "..."' if is_shared or needs_more else ""
         raise CommandError(f"{file}: {error.worded(own)}{more}", BAD_DATA) from error
 
 

@@ -95,7 +95,8 @@ def read_one(path: Path, overrides: list[str] | None) -> RunFile:
         if path.with_name(f"{path.name}.toml").is_file():
             hint = f"; did you mean {path}.toml?"
         elif path.suffix == ".nc":
-            hint = f"; did you mean {path.with_suffix('.toml')}? results are written by nontwist run, from run files"
+            near = f"did you mean {own}? " if (own := path.with_suffix(".toml")).is_file() else ""
+            hint = f"; {near}results are written by nontwist run, from run files"
         elif path.suffix in ("", ".toml") and path.stem in example_names():
             hint = f"; nontwist example {path.stem} copies it here"
         raise CommandError(f"{path}: {error.strerror}{hint}", IO) from error

@@ -58,8 +58,9 @@ def sensitivities(
         "mean_motion" and "eccentricity" of a gravity gradient; "speed", "torque" (of a table, a constant added to it
         from its first time to its last), "viscous" and "wheel", the axis, of wheels, and ``"load[1].inertia"``; fields
         of loads of your own. ``"load[1].values"`` selects those of the second term alone, ``"load[1].scale"`` its
-        factor. For a body with a constrained axis only the admissible part of a change counts: the part of a velocity
-        orthogonal to the axis, and the part of a change of the axis orthogonal to the axis.
+        factor. Axes are vectors of length 1, however long those given are. For a body with a constrained axis only the
+        admissible part of a change counts: the part of a velocity orthogonal to the axis, and the part of a change of
+        the axis orthogonal to the axis.
         Under loads with memory, friction of wheels among them, only the start, the inertia and these fields of wheels
         count; beside springs and potentials that are functions with `gauss` alone. Where the torque of a wheel is a
         table, there are none by the duration, its factor and its axis; with wheels none by "axis" and "spin".

@@ -289,7 +289,7 @@ class Problem:
         return read_run_file(path, set).problem
 
     def write(self, path: str | os.PathLike[str], *, force: bool = False) -> None:
-        """Write the problem as a run file, from which `read` makes the same problem.
+        """Write the problem as a run file, from which `read` makes a problem with the same motion.
 
         Parameters
         ----------
@@ -308,6 +308,7 @@ class Problem:
 
         Notes
         -----
+        The numbers are the same, but for the round-off of an inertia of more than 14 digits.
         The motion depends on mass times centre of mass alone: the file of a body of which no more is known, as of a
         saved run, has the mass 1 kg, or more where its inertia requires it.
         """

@@ -9,7 +9,7 @@ import math
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
-from math import sqrt
+from math import inf, sqrt
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -46,9 +46,10 @@ CACHED_NODES = 2**13  # at most, of a plan whose preparation is cached
 class PreparedPlan:
     """A plan with its grid laid out and its load sampled, ready for starts."""
 
-    def __init__(self, plan: Plan, grid: Segments) -> None:
+    def __init__(self, plan: Plan, grid: Segments, work: float = inf) -> None:
         problem = plan.problem(AT_REST, grid, intervals=True)
-        self._march, self._terms, body = plan.scheme.prepared(problem), plan.load.description, plan.systems[0]
+        self._march, self._terms, body = plan.scheme.prepared(problem, work), plan.load.description, plan.systems[0]
+        self.expect: Any = getattr(self._march, "expect", lambda steps: None)
         # Damping and linear potentials are scaled when they are laid out: another factor needs another preparation.
         linear = any(term.dead_force is not None for term in plan.load.potentials)
         self.is_damped, self._held = bool(plan.load.damping.any()) or linear, held_by(plan.load)
@@ -107,7 +108,7 @@ def held_by(load: Load) -> Load | None:
 @lru_cache(maxsize=16)
 def _cached(plan: Plan, grid: Segments) -> PreparedPlan:
     require_resolution(plan.t_start, plan.t_end, grid)
-    return PreparedPlan(plan, grid)
+    return PreparedPlan(plan, grid, 0)
 
 
 def known(
@@ -117,7 +118,10 @@ def known(
     is_plain = all(x is None for x in (begin.memory, begin.normal, begin.grid, plan.output_times))
     is_plain = is_plain and plan.load.is_immutable and not (progress or events)
     is_small = is_plain and PreparedPlan.accepts(plan, grid, CACHED_NODES)
-    return prepared if is_small and (prepared := _cached(plan, grid)).increases else None
+    if not is_small or not (prepared := _cached(plan, grid)).increases:
+        return None
+    prepared.expect(grid.steps)
+    return prepared
 
 
 def with_warning(plan: Plan, run: Trajectory, prepared: PreparedPlan | None = None, known: float = 0.0) -> Trajectory:

@@ -193,8 +193,7 @@ def _inwards(one: Parameter, value: Array, tangent: Array) -> Array:
         return axial(np.einsum("ji,djk->dik", value, tangent)) / 2
     if one.field == "inertia":
         return np.stack([(tangent[:, i, j] + tangent[:, j, i]) / 2 for i, j in ENTRIES], axis=1)
-    length = float(np.linalg.norm(value)) if one.field in ("axis", "rotor") else 1.0
-    return tangent.reshape(len(tangent), -1) / length
+    return tangent.reshape(len(tangent), -1) / _length(one, value)
 
 
 def _outwards(one: Parameter, value: Array, slopes: Array, shape: tuple[int, ...]) -> Array:
@@ -207,5 +206,9 @@ def _outwards(one: Parameter, value: Array, slopes: Array, shape: tuple[int, ...
             found[:, i, j] += slopes[:, k] / 2
             found[:, j, i] += slopes[:, k] / 2
         return found
-    length = float(np.linalg.norm(value)) if one.field in ("axis", "rotor") else 1.0
-    return (slopes / length).reshape(len(slopes), *shape)
+    return (slopes / _length(one, value)).reshape(len(slopes), *shape)
+
+
+def _length(one: Parameter, value: Array) -> float:
+    """Return the length by which a parameter is divided before it acts, that of an axis."""
+    return float(np.linalg.norm(value)) if one.field in ("axis", "rotor", "wheel") else 1.0

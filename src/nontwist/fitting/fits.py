@@ -240,7 +240,8 @@ class Task:
             parts.append(Part(one.name, stretch.time, stretch.rates, explained[k], *seen))
         fit = Fit(tuple(parts), found, tuple(map(str, self.said)), self.sigma)
         if (outside := beyond_the_wall(found)) > OUTSIDE:
-            raise NoMotionError("no-inertia", names=self.names, why=_beyond(model), outside=outside)
+            why, given = _beyond(model), "mass and centre, the unit" if model.weight else "the unit"
+            raise NoMotionError("no-inertia", names=self.names, why=why, outside=outside, given=given)
         return fit
 
     def stretch(self, one: Rates, rows: slice, model: Model) -> Stretch:
@@ -339,7 +340,7 @@ class Task:
 
 SENTENCES["no-rigid-body"] = "no rigid body moves {how} like {what}{where}{advice} {between}: {option[interval]}" + FITS
 SENTENCES["no-inertia"] = (
-    "no body has the inertia implied by {names}: {why} by {outside:.3g} standard errors; check the unit, and that the "
+    "no body has the inertia implied by {names}: {why} by {outside:.3g} standard errors; check {given}, and that the "
     "interval is free of hands and impacts" + FITS
 )
 SENTENCES["attitudes-alone"] = (

@@ -16,7 +16,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from math import atan
+from math import atan, inf
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -112,8 +112,8 @@ class Compiled(Integrator):
         is_plain = not load.terms or (load.is_compiled and not (load.memories or load.frictions))
         return type(self).march is Compiled.march and is_plain
 
-    def prepared(self, problem: IVP) -> Any:
-        """Return the march of a problem of one body laid out once, for any start."""
+    def prepared(self, problem: IVP, work: float = inf) -> Any:
+        """Return the march of a problem of one body laid out once, for any start; `work` as for `PreparedMarch`."""
         from .marched_stacks import PreparedMarch, dense_of
         from .stack_march import StackMarch
 
@@ -121,8 +121,8 @@ class Compiled(Integrator):
         if (dense := dense_of(replace(problem, intervals=False), self)) is not None:
             from .dense import PreparedDense
 
-            return PreparedDense(problem, dense)
-        return PreparedMarch(StackMarch(problem, self))
+            return PreparedDense(problem, dense, PreparedMarch(dense.march, work))
+        return PreparedMarch(StackMarch(problem, self), work)
 
 
 ORDERS = (1, 2)  # with dissipation

@@ -105,7 +105,7 @@ class Between:
     def __init__(
         self, dense: Dense, nodes: dict[str, Array], found: NDArray[np.int64], good: NDArray[np.int64], **changes: Array
     ) -> None:
-        self._kernel, self._mismatch = dense._kernel, np.zeros(len(good))
+        self._kernel, self._mismatch, self._count = dense._kernel, np.zeros(len(good)), int(good.sum())
         self.arrays, array_addresses = side_by_side(**dense.shapes)
         known = dense._arrays | changes
         steps_taken = np.searchsorted(known["begin"] + 1, found)
@@ -121,7 +121,7 @@ class Between:
 
     def find(self) -> bool:
         """Find them; return whether the nodes lie on one trajectory."""
-        self._kernel(self._address)
+        self._kernel.function_for(self._count)(self._address)
         return not (self._mismatch > LARGEST_MISMATCH).any()
 
 
@@ -143,9 +143,9 @@ class PreparedDense:
     the same start, once it is asked for.
     """
 
-    def __init__(self, problem: IVP, dense: Dense, march: PreparedMarch | None = None) -> None:
+    def __init__(self, problem: IVP, dense: Dense, march: PreparedMarch) -> None:
         self._problem, self._dense, self.skipped = problem, dense, dense.skipped
-        self._march = march or PreparedMarch(dense.march)
+        self._march, self.expect = march, march.expect
         self._unit, self._slab = float(dense.march.bodies[0, BODY.unit]), slab_layout(dense.shapes)
         self._threads = PerThread(self._workspace)
 
@@ -156,7 +156,8 @@ class PreparedDense:
     @cached_property
     def _summing(self) -> PreparedDense:
         """The same with what is summed."""
-        return PreparedDense(self._problem, Dense(self._problem, self._dense.march.scheme))
+        dense = Dense(self._problem, self._dense.march.scheme)
+        return PreparedDense(self._problem, dense, PreparedMarch(dense.march))
 
     def __call__(self, p: Any, W: Any, scale: float) -> tuple[Any, float, float]:
         """March from the quaternion `p`, scalar last, and W: as a prepared march, by substeps where nodes are apart."""

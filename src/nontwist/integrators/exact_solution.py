@@ -14,6 +14,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
+from math import inf
 from typing import Any, ClassVar
 
 import numpy as np
@@ -99,7 +100,7 @@ class Exact(Integrator):
         """Whether `prepared` supports problems under this load: free motion only."""
         return not load.terms
 
-    def prepared(self, problem: IVP) -> PreparedSolution:
+    def prepared(self, problem: IVP, work: float = inf) -> PreparedSolution:
         """Return the solution of the free motion of one body, prepared once for any start."""
         self.require(problem)
         return PreparedSolution(problem)

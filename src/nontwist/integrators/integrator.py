@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
-from math import pi
+from math import inf, pi
 from typing import Any, ClassVar, Self
 
 from ..errors import SimulationError, SimulationInterrupt, Status
@@ -135,13 +135,14 @@ class Integrator:
         """Return whether `prepared` accepts problems under this load."""
         return False
 
-    def prepared(self, problem: IVP) -> Any:
+    def prepared(self, problem: IVP, work: float = inf) -> Any:
         """Prepare the march of a problem of one body whose start is left open; a ValueError as of `march`.
 
         Threads may share it. It is called as ``found, squares, fastest = prepared(p, W, scale)``, with the quaternion
         p, scalar last, W, and the factor of the load. What is found is for its method `read`, which returns fields of
         a run; `squares` is the sum of the squares of these numbers, infinite where the run has failed, and `fastest`
-        the largest |W|² of the stored states, 0 where no velocity is too large for the step.
+        the largest |W|² of the stored states, 0 where no velocity is too large for the step. `work`: how many steps
+        its calls will take; what is compiled for few has a method `expect`, to be told of more.
         """
         raise NotImplementedError
 

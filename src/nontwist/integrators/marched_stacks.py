@@ -28,6 +28,7 @@ from ..engine.workspace import PREPARED, enter, run_prepared
 from ..exact.free_bodies import TOO_FAR
 from ..geometry.arrays import Array
 from ..geometry.attitudes import States
+from ..kernels import machine_code
 from ..loads import Load
 from ..loads.memory_terms import Wheel
 from ..models.stack import SystemStack, stacked
@@ -129,6 +130,7 @@ def _by_kept_march(problem: IVP, scheme: Compiled) -> Outcome | None:
         scale, span, stored = problem.load_scale.item(), (problem.t_start, problem.t_end), problem.stored.tobytes()
         how = scale, (*span, problem.steps), problem.segments, stored, problem.intervals
         kept = _kept_march(scheme, problem.systems, load, *how)
+        kept.expect(problem.steps)
         numbers, squares, _ = kept(problem.quaternion[0], problem.velocity[0], scale)
         if not squares < inf:
             return None
@@ -147,7 +149,7 @@ def _kept_march(
 ) -> PreparedMarch:
     at, start = np.frombuffer(stored, np.int64).copy(), (np.eye(4)[3:], np.zeros((1, 3)))
     parts: Any = systems, *start, load, *span, at, np.array([scale])
-    return PreparedMarch(StackMarch(replace(IVP(*parts), intervals=means, segments=grid), scheme))
+    return PreparedMarch(StackMarch(replace(IVP(*parts), intervals=means, segments=grid), scheme), 0)
 
 
 @lru_cache(maxsize=16)
@@ -214,16 +216,23 @@ START, FOUND = Struct("=8d"), Struct("=2d")
 
 
 class PreparedMarch:
-    """The march of one body whose start is left open."""
+    """The march of one body whose start is left open; `work`: how many steps its calls will take."""
 
-    def __init__(self, march: StackMarch) -> None:
-        self.march, (parts,), steps = march, march.groups, march.stack.steps
-        march.sample(parts, 0, steps)
-        self._todo = listed(march, parts, 1, 0, steps)
+    def __init__(self, march: StackMarch, work: float = inf) -> None:
+        self.march, (parts,), self._work = march, march.groups, work
+        march.sample(parts, 0, march.stack.steps)
+        self._todo = listed(march, parts, 1, 0, march.stack.steps, work=work)
         self._unit, self._run = float(march.bodies[0, BODY.unit]), run_prepared.function
         self.factors = march.factors[0]
         self._slab = {name: (part, shape[1:] or shape) for name, (part, shape) in march.slab.items() if name in READ}
         self._threads = PerThread(self._workspace)
+
+    def expect(self, steps: int) -> None:
+        """Take better code where so many more steps are worth it."""
+        before, self._work = self._work, self._work + steps
+        if before < machine_code.ENOUGH <= self._work:
+            self._todo = listed(self.march, self.march.groups[0], 1, 0, self.march.stack.steps, work=self._work)
+            self._threads = PerThread(self._workspace)
 
     def __call__(self, p: Any, W: Any, scale: float) -> tuple[Array, float, float]:
         """March from the quaternion `p`, scalar last, and W.
@@ -302,7 +311,7 @@ class SingleStep:
         own = {"times": np.zeros(count), "moving": nodes[0], "space": nodes[1], "forces": march.loads[3]}
         own |= {"rotor": np.zeros((count, 6)) if has_rotors else None, "spin": np.zeros(count) if varies else None}
         march.loads = tuple(own.values())
-        todo = listed(march, parts, 1, 0, 1)
+        todo = listed(march, parts, 1, 0, 1, work=inf)
         block, self._workspace, keepalive = march.laid(todo)
         self._alive = block, keepalive
         self._run, self._address = todo.driver.function, block.ctypes.data

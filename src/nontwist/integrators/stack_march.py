@@ -160,7 +160,7 @@ class StackMarch:
             arrays["internals"][:, 0] = self.load.internal_state if stack.internal is None else stack.internal
         if director and stack.normal is not None:
             arrays["normals"][:, 0] = stack.normal
-        enter(self.block.ctypes.data)
+        enter.function_for(1)(self.block.ctypes.data)
 
     def _lengths(self, stored: NDArray[np.int64]) -> Array:
         """Return the lengths of the intervals between nodes of these numbers, in units of time of the march."""
@@ -361,7 +361,7 @@ class StackMarch:
     def _run(self, todo: Listed, width: int, first: int, last: int) -> None:
         """Carry out a list of calls for some members."""
         block, workspace, _ = self.laid(todo, width, first, last)
-        todo.driver(block.ctypes.data)
+        todo.driver.function_for(1)(block.ctypes.data)
         self.last_call = workspace[width * WORK.state_call :]  # what the load was called with last
 
     def workspace_size(self, width: int) -> int:
@@ -400,10 +400,18 @@ class Listed(NamedTuple):
     parts: Parts
 
 
-def listed(march: StackMarch, parts: Parts, width: int, first: int, last: int, rows: Rows | None = None) -> Listed:
+def listed(
+    march: StackMarch,
+    parts: Parts,
+    width: int,
+    first: int,
+    last: int,
+    rows: Rows | None = None,
+    work: float | None = None,
+) -> Listed:
     """Return the calls for steps from number `first` to `last`, whose loads have been sampled, or those of `rows`.
 
-    `width` members of a group are marched at a time.
+    `width` members of a group are marched at a time. `work`: how many steps will be taken, where calls are made again.
     """
     unloaded = Unloaded(march.stack, None) if parts.dead and len(march.unloaded) else march.unloaded
     rates, keepalive, driver = None, None, carry_out
@@ -414,8 +422,10 @@ def listed(march: StackMarch, parts: Parts, width: int, first: int, last: int, r
         rows = grid_calls(march, first, last, unloaded)
     values = {"calls": len(rows), "rows": rows, "rates": rates, "guesses": march.guesses.start}
     if not march.stack.on_gpu:
-        values["kernel"] = march.kernel(parts, width).address
-        values["side"] = 0 if rates is None else march.kernel(parts, width, observes=False).address
+        work = (last - first) * len(march.stack) / width if work is None else work
+        kernels = march.kernel(parts, width), None if rates is None else march.kernel(parts, width, observes=False)
+        found = (0 if one is None else machine_code.pointer_address(one.function_for(work)) for one in kernels)
+        values |= zip(("kernel", "side"), found, strict=True)
     return Listed(values, keepalive, driver, parts)
 
 

@@ -121,6 +121,8 @@ class Kernel:
         update_wrapper(self, text)
         self.text, self.lanes, self.signature = text, lanes, Signature(words)
         self._function: Any = None
+        self._quick: Any = None
+        self._work = 0.0  # steps so far
         self._keepalive: list[Any] = []  # arrays that the code reads
 
     @property
@@ -130,6 +132,16 @@ class Kernel:
             if self._function is None:
                 self._function = machine_code.function_of(self.code(), ENTRY)
             return self._function
+
+    def function_for(self, work: float) -> Any:
+        """Return the C function for so many more steps: of code that is made quickly, until better code is worth it."""
+        self._work += work
+        if self._function is not None or self._work >= machine_code.ENOUGH:
+            return self._function or self.function
+        if self._quick is None:
+            with machine_code.LOCK:
+                self._quick = self._quick or machine_code.function_of(self.code(), ENTRY, level=machine_code.QUICK)
+        return self._quick
 
     @property
     def address(self) -> int:
@@ -144,7 +156,7 @@ class Kernel:
             self._trace(Whole("%a0"))
             t.line("ret void")
             t.close()
-        self._keepalive = t.keepalive
+        self._keepalive += t.keepalive
         return t.text
 
     def _trace(self, address: Any) -> None:

@@ -1,8 +1,9 @@
 """From texts to LLVM code, line by line, and from that to machine code, in memory.
 
 Traced code is clean: it needs three passes, where LLVM's own pipelines would take many times as long for the same
-speed; nor is its code any faster at LLVM's higher levels, where it is made in 1.4 times the time. Nothing is kept on
-disk. LLVM is imported by the first kernel.
+speed; nor is its code any faster at LLVM's higher levels. At the lowest it is made in a fifth of the time and takes up
+to twice as long: by it kernels begin (`Kernel.function_for`). Nothing is kept on disk. LLVM is imported by the first
+kernel.
 
 While a function is traced its numbers are names of values (`elements`), and each operator writes one line. Nothing is
 inferred. A line that is repeated is written once in its region and in what that region encloses; what a variable holds
@@ -26,7 +27,8 @@ from typing import Any
 import numpy as np
 
 PASSES = ("sroa", "simplify_cfg", "aggressive_dce")
-LEVEL = 1  # of what LLVM does for speed when it chooses instructions and registers; bits are the same at every one
+QUICK, LEVEL = 0, 1  # what LLVM does for speed when it chooses instructions and registers; it changes no bit
+ENOUGH = 50_000  # steps that a kernel takes before code of the level is worth the time that it takes to make
 LOCK = threading.RLock()  # LLVM is asked by one thread at a time, and by none while the process forks
 KIND = ctypes.CFUNCTYPE(None, ctypes.c_int64)
 _numbers = itertools.count()
@@ -88,16 +90,16 @@ def lanes() -> int:
     return 8 if "+avx512f" in known else 4 if "+avx" in known else 2
 
 
-def _target() -> Any:
+def _target(level: int) -> Any:
     llvm, (name, features) = binding(), processor()
     return llvm.Target.from_triple(llvm.get_process_triple()).create_target_machine(
-        cpu=name, features=features, opt=LEVEL, codemodel="jitdefault", jit=True
+        cpu=name, features=features, opt=level, codemodel="jitdefault", jit=True
     )
 
 
 @lru_cache
 def _engine() -> Any:
-    return binding().create_lljit_compiler(_target())
+    return binding().create_lljit_compiler(_target(LEVEL))
 
 
 def simplify(module: Any, target: Any) -> None:
@@ -115,7 +117,7 @@ def pointer_address(pointer: Any) -> int:
     return ctypes.cast(pointer, ctypes.c_void_p).value or 0
 
 
-def function_of(code: str, entry: str, kind: Any = KIND) -> Any:
+def function_of(code: str, entry: str, kind: Any = KIND, level: int | None = None) -> Any:
     """Return a function of LLVM code as one of C. It runs without the interpreter lock.
 
     Parameters
@@ -126,9 +128,11 @@ def function_of(code: str, entry: str, kind: Any = KIND) -> Any:
         Name of the function in it.
     kind : type, optional
         Of the function, as `ctypes` has it: ``void (int64_t)``.
+    level : int, optional
+        `QUICK`, or by default `LEVEL`.
     """
     with LOCK:
-        llvm, target = binding(), _target()
+        llvm, target = binding(), _target(LEVEL if level is None else level)
         module = llvm.parse_assembly(code)
         simplify(module, target)
         symbol = f"{entry}{next(_numbers)}"

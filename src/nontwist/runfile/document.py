@@ -302,7 +302,7 @@ def checked(name: str, data: dict[str, Any], folder: Folder) -> RunFile:
         further += key_problems(sweep, whole.model_dump(exclude_none=True))
     if ready is not None and sweep is not None:
         with further.of("sweep", sweep, "variables"):
-            if not ready.plan.load.wheels:
+            if not ready.plan.load.wheels and all(fault.key.partition(".")[0] != "load" for fault in faults):
                 require_no_wheels(sweep.variables)
         with further.of("sweep", sweep, "reduce"):
             if sweep.reduce:

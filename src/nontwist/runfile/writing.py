@@ -1,6 +1,7 @@
 """The way back from a `Problem` to a run file: its objects as tables.
 
-A term of the load has its fields as keys, and a body its J, so the file makes the same numbers up to round-off. Of a
+A term of the load has its fields as keys, and a body its J, so the file makes the same numbers; of a J of more than 14
+digits, which a body does not keep, up to round-off. Of a
 weight that nobody gave as such a constant force on the directors is known, m c ⊗ g: of such a matrix of rank one, g is
 taken of length 9.81 m/s² and m as 1 kg, or, where J is too small for that, so large that m |c|² is nothing.
 """
@@ -31,7 +32,7 @@ from .document import RunFile, checked
 from .files import Folder, plain
 from .load_tables import TABLES, keys_of
 
-FALL, RANK, LIGHT = 9.81, 1e-12, 1e-10
+FALL, RANK, LIGHT, DIGITS = 9.81, 1e-12, 1e-10, 14
 
 
 def write(problem: Problem, path: str | os.PathLike[str], force: bool = False) -> None:
@@ -93,7 +94,7 @@ def _is_same(made: Array | None, own: Array | None) -> bool:
 
 
 def _table_of(kind: str, system: DirectorSystem) -> dict[str, Any]:
-    table: dict[str, Any] = {"kind": kind, "inertia": system.inertia.tolist()}
+    table: dict[str, Any] = {"kind": kind, "inertia": _inertia(system).tolist()}
     if "axis" in BODIES[kind].takes and system.axis is not None:
         table["axis"] = system.axis.tolist()
     if not system.physical:
@@ -112,6 +113,15 @@ def _table_of(kind: str, system: DirectorSystem) -> dict[str, Any]:
         mass = 1.0 if held else float(first @ first / (LIGHT * np.trace(system.inertia)))
         table |= {"mass": mass, "centre_of_mass": (first / mass).tolist(), "gravity": (FALL * right[0]).tolist()}
     return table
+
+
+def _inertia(system: DirectorSystem) -> Array:
+    """Return J as it was given where it had at most 14 digits, so that it makes the same E, bit for bit."""
+    J = system.inertia
+    last = DIGITS - 1 - int(np.floor(np.log10(abs(J).max())))
+    short = np.array([[round(x, last) for x in row] for row in J.tolist()])
+    is_same = np.array_equal(np.trace(short) / 2 * np.eye(3) - short, system.euler_inertia)
+    return short if is_same else J
 
 
 def load_table(term: Term) -> dict[str, Any]:

@@ -44,7 +44,7 @@ from .workers import Progress, Workers, bar, open_workers
 
 LONGEST, LARGEST, MOST = 10.0, 2**26, 2**18  # s, bytes, members of a block
 SHORTEST, SHARE = 0.25, 4  # s of a block; blocks for each worker
-SHORTEST_MEASUREMENT, FIRST = 0.05, 16  # s; members of the first measurement
+SHORTEST_MEASUREMENT, LONGEST_MEASUREMENT, FIRST = 0.05, 5.0, 16  # s, s; members of the first measurement
 
 
 class Plan(NamedTuple):
@@ -94,10 +94,12 @@ def _measured(members: Members) -> tuple[float, float, str]:
     while True:
         numbers = spread(members.sweep, count)
         m = len(next(iter(numbers.values())))
-        members.run(numbers)  # compiles the kernels of these members
-        begin = perf_counter()
-        results = members.run(numbers)
-        seconds = perf_counter() - begin
+        few = {key: array[:: max(m - 1, 1)] for key, array in numbers.items()}
+        for tried in (few, numbers, numbers):  # kernels are compiled at first, those of many steps once more
+            begin = perf_counter()
+            results = members.run(tried)
+            if (seconds := perf_counter() - begin) >= LONGEST_MEASUREMENT and tried is numbers:
+                break
         if seconds >= SHORTEST_MEASUREMENT or m >= min(len(members), MOST) // 2:
             break
         count = min(16 * count, len(members), MOST)

@@ -192,7 +192,12 @@ def test_alignment_errors_are_left_out(tmp_path):
 
 
 def test_twist_result_is_shown(tmp_path):
-    command(tmp_path, written(tmp_path / "a.csv", tilted(0.1, 1.0), T), "--axis=-Y")
+    file = written(tmp_path / "a.csv", tilted(0.1, 1.0), T)
+    np.savetxt(tmp_path / "b.csv", tilted(0.1, 1.0).as_quat(), delimiter=",", header="qx,qy,qz,qw", comments="")
+    for other in ([file, "--axis-frame", "space"], [tmp_path / "b.csv"]):  # which no page shows
+        assert "nontwist view" not in command(tmp_path, *other).stderr
+        ended(3, "view", tmp_path / "o.nc")
+    assert f"next: nontwist view {tmp_path / 'o.nc'}" in command(tmp_path, file, "--axis=-Y").stderr
     assert open_run(tmp_path / "o.nc").attrs["axis"] == pytest.approx([0, -1, 0])
     said(ended(3, "twist", tmp_path / "o.nc", "--out", tmp_path / "p").stderr)
     ended(0, "info", tmp_path / "o.nc")

@@ -435,6 +435,14 @@ test_wrong_sensors = refused_as(
 )
 
 
+def test_axes_that_nothing_tells():
+    """A turn about one axis: variances that round-off makes negative are those of axes that are not told."""
+    how = {"t_end": 1, "step": 0.05, "material_angular_velocity": (0.5, 2, 0)}
+    with pytest.warns(match="does not determine"):
+        fit = nt.fit_inertia(nt.simulate(nt.nontwisting([3, 4, 5]), **how), interval="all")
+    assert np.isnan(fit.principal.tilts).all()  # and without a warning of NumPy
+
+
 def test_printed_digits():
     assert number_in_words(0.2, (0.1, 0.3)) == "0.20 (0.10 to 0.30)"
     assert number_in_words(12.3456, (12.343, 12.347), " s") == "12.3456 (12.3430 to 12.3470) s"

@@ -152,7 +152,8 @@ def twist_command(
     _write(result, places, degrees, decimal_comma, answer.force)
     if answer.in_words({"file": data, **facts(result)}):
         summary(result, degrees)
-    answer.written(places.values(), ("view", places[".nc"]))
+    is_shown = "twist_rate" in result and axis_frame == "body"  # with times
+    answer.written(places.values(), *[("view", places[".nc"])] * is_shown)
 
 
 def _named(out: Path) -> Path:

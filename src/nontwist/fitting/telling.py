@@ -190,6 +190,7 @@ def quantile(solution: Solution, always: bool = False) -> float:
     return float(stdtrit(solution.freedom, (1 + LEVEL) / 2)) if always or has_intervals(solution) else np.nan
 
 
+@np.errstate(invalid="ignore")  # variances that round-off of what is not told makes negative
 def principal(solution: Solution, C: Array, size: float) -> Principal:
     """Return principal moments, of this sum, ratios and axes with their intervals; nan where they are not told."""
     J, wide = solution.unknowns.inertia, quantile(solution)

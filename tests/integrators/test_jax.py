@@ -122,6 +122,16 @@ def plain():
     return function(nt.standard(J), load=nt.sine(PEAK, 0.7), rotation=R0, **GRID)
 
 
+def test_a_start_alone(plain):
+    """It is prepared; beside a parameter of the body, which runs are made for anew, the derivatives are the same."""
+    start, f = {"material_angular_velocity": W0, "rotation": R0}, attitude_of(plain)
+    change = {"material_angular_velocity": np.array([1, -2, 0.5]), "rotation": R0 @ hat(np.array([0.3, 1, -1]))}
+    beside = [lambda p, rest=rest: f(p | rest) for rest in ({}, {"inertia": J})]
+    for found in (lambda g: jax.grad(g)(start), lambda g: jax.jvp(g, (start,), (change,))[1]):
+        alone, other = (np.hstack([np.ravel(x) for x in jax.tree.leaves(found(g))]) for g in beside)
+        assert abs(alone - other).max() < 1e-13 * abs(other).max() > 0
+
+
 STARTS, BODIES = RANDOM.normal(size=(4, 3)), J + 0.1 * np.arange(4)[:, None, None] * np.eye(3)
 
 

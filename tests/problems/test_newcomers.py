@@ -10,7 +10,7 @@ import shutil
 import subprocess
 import sys
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import partialmethod
 from importlib import import_module
 from pathlib import Path
 from typing import Annotated, ClassVar
@@ -577,8 +577,8 @@ def test_commands_import_others(name, registry, here, write):
 @pytest.mark.parametrize("has_processes", [False, pytest.param(True, marks=pytest.mark.long)])
 def test_dask_workers_import_modules(has_processes, here, write, monkeypatch):
     """Threads or processes, which do not begin in this folder."""
-    cluster = partial(distributed.LocalCluster, processes=has_processes)
-    monkeypatch.setattr("distributed.LocalCluster", cluster)
+    own = distributed.LocalCluster.__init__
+    monkeypatch.setattr(distributed.LocalCluster, "__init__", partialmethod(own, processes=has_processes))
     monkeypatch.syspath_prepend(here)
     shutil.copy(ROOT / "examples" / "own_load.py", "own_load.py")
     over = 'time.step = 0.1\n[[sweep.over]]\nkey = "load.0.scale"\nkind = "list"\nvalues = [1, 2]\n'

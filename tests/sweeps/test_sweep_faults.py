@@ -35,16 +35,16 @@ class Fault(WorkerPlugin):
         self.guilty, self.once = guilty, once
 
     def setup(self, worker):
-        sound, fault = SweepStore.compute, self
+        sound, fault = SweepStore.make, self
 
-        def compute(self, k):
+        def make(self, k):
             if k == fault.guilty and (fault.once is None or not os.path.exists(fault.once)):
                 if fault.once is not None:
                     Path(fault.once).touch()
                 os.kill(os.getpid(), signal.SIGKILL)
             return sound(self, k)
 
-        SweepStore.compute = compute
+        SweepStore.make = make
 
 
 @pytest.fixture

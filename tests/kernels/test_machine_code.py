@@ -16,7 +16,7 @@ import nontwist
 from conftest import BODIES, PAPER_J, or_long
 from nontwist import Load, damping, heavy_top, integrate, propagator, sine, standard
 from nontwist.engine.records import BLOCK
-from nontwist.engine.workspace import CALL, IN_BLOCK
+from nontwist.engine.workspace import CALL, IN_BLOCK, enter
 from nontwist.integrators import INTEGRATORS, IVP, dense, stack_march
 from nontwist.kernels import machine_code
 from nontwist.models.stack import stacked
@@ -98,7 +98,8 @@ def test_optimisation_changes_no_bit(name, order, monkeypatch):
 def test_better_code_after_many_steps(monkeypatch):
     """Of kernels, and of marches that are kept with the addresses of theirs."""
     how = {"t_end": 1.3, "step": 0.1, "material_angular_velocity": (1, 2, 3)}
-    integrate(standard([2, 3, 4]), **how)  # makes what is called around marches
+    integrate(standard([2, 3, 4]), **how)
+    assert enter.address  # what is called around marches is made
     levels, made = [], machine_code.function_of
     monkeypatch.setattr(machine_code, "LEVEL", 1)
     monkeypatch.setattr(machine_code, "ENOUGH", 50)

@@ -6,7 +6,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from ..comparison.comparison_table import as_comparison
+from ..analysis.datasets import as_comparison
 from ..geometry.arrays import Axes, Dataset
 from ..geometry.values import require_among
 from ..integrators import INTEGRATORS

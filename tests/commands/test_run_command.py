@@ -347,11 +347,12 @@ def test_dissipation_is_printed(here):
 def test_a_comparison_cuts_no_number(here):
     here(BODY + TIME + START)
     how = ["--integrator", "gauss:4", "--step", "0.1", "--step", "0.05", "--every"]
-    for width in (60, 80):
+    for width in (60, 67, 80):
         shown = nontwist("compare", "run.toml", *how, COLUMNS=str(width))
         assert "…" not in shown.stdout
         assert max(map(len, shown.stdout.splitlines())) <= width
-        assert ("a wider terminal shows" in shown.stderr) == (width == 60)
+        assert ("a wider terminal shows" in shown.stderr) == (width < 80)
+        assert ("shows 1 more column: " in shown.stderr) == (width == 67)
 
 
 @pytest.mark.usefixtures("undrawn")

@@ -506,6 +506,8 @@ def test_file_is_read_again(write):
 
 @pytest.mark.usefixtures("here")
 def test_the_commands(write):
+    write(HELD + a_list("body.axis.1", [0.1]), "sweep.toml")
+    assert "list: 1 value " in nontwist("sweep", "sweep.toml", "--dry-run").stdout
     write(HELD + a_list("body.axis.1", [0.1, 0.2]), "sweep.toml")
     dry = nontwist("sweep", "sweep.toml", "--dry-run")
     for words in ("grid: start -1.0, end 1.0, count 5", "list: 2 values", "570 B", "57 bytes per member", "10 members"):

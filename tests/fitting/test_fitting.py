@@ -441,6 +441,7 @@ def test_axes_that_nothing_tells():
     with pytest.warns(match="does not determine"):
         fit = nt.fit_inertia(nt.simulate(nt.nontwisting([3, 4, 5]), **how), interval="all")
     assert np.isnan(fit.principal.tilts).all()  # and without a warning of NumPy
+    assert len(fit.warnings) == 1  # round-off is no impact
 
 
 def test_printed_digits():

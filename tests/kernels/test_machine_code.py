@@ -16,7 +16,7 @@ import nontwist
 from conftest import BODIES, PAPER_J, or_long
 from nontwist import Load, damping, heavy_top, integrate, propagator, sine, standard
 from nontwist.engine.records import BLOCK
-from nontwist.engine.workspace import CALL, IN_BLOCK
+from nontwist.engine.workspace import CALL, IN_BLOCK, enter
 from nontwist.integrators import INTEGRATORS, IVP, dense, stack_march
 from nontwist.kernels import machine_code
 from nontwist.models.stack import stacked
@@ -98,7 +98,8 @@ def test_optimisation_changes_no_bit(name, order, monkeypatch):
 def test_better_code_after_many_steps(monkeypatch):
     """Of kernels, and of marches that are kept with the addresses of theirs."""
     how = {"t_end": 1.3, "step": 0.1, "material_angular_velocity": (1, 2, 3)}
-    integrate(standard([2, 3, 4]), **how)  # makes what is called around marches
+    integrate(standard([2, 3, 4]), **how)
+    assert enter.address  # what is called around marches is made
     levels, made = [], machine_code.function_of
     monkeypatch.setattr(machine_code, "LEVEL", 1)
     monkeypatch.setattr(machine_code, "ENOUGH", 50)
@@ -162,20 +163,35 @@ def marched(scheme, body, load):
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(stack_march.StackMarch, "_run", record)
-        scheme.march(IVP(stacked(system), np.eye(4)[3:], W[None], load, 0.0, 1.0, 20, np.arange(21), intervals=True))
-    return found[0]
+        problem = IVP(stacked(system), np.eye(4)[3:], W[None], load, 0.0, 1.0, 20, np.arange(21), intervals=True)
+        march = stack_march.StackMarch(problem, scheme)
+        march.run()
+    return (*found[0], march.arrays["states"].base)
 
 
-def image_of(block, arrays):
-    """The block and the arrays as one piece of memory at `AT`, with its addresses; and where the states lie in it."""
+def image_of(block, arrays, at=AT):
+    """The block and the arrays as one piece of memory at an address, with its own; and where the states lie in it."""
     places = PAGE * np.cumsum([1, *(-(-array.nbytes // PAGE) for _, array in arrays)])
     moved, image = block.copy(), bytearray(places[-1])
     for (address, array), place in zip(arrays, places[:-1].tolist(), strict=True):
         inside = (block >= address) & (block < address + array.nbytes)
-        moved[inside] = AT + place + block[inside] - address
+        moved[inside] = at + place + block[inside] - address
         image[place : place + array.nbytes] = array.tobytes()
     image[: block.nbytes] = moved.tobytes()
     return bytes(image), slice(PAGE, PAGE + arrays[0][1].nbytes)
+
+
+@pytest.mark.parametrize(("name", "order"), CASES)
+def test_march_lives_in_image(name, order):
+    """What is carried to other machines below: all that the kernel reads, and nothing that it has written."""
+    load = sine((1, 2, 0.5), 0.7, frame="space")
+    kernel, block, arrays, end = marched(INTEGRATORS[name](order=order), "heavy_top", load)
+    memory = np.zeros(2**20)
+    image, states = image_of(block, arrays, memory.ctypes.data)
+    memory[: len(image) // 8] = np.frombuffer(image)
+    assert memory.tobytes()[states] != end.tobytes()
+    kernel.function(memory.ctypes.data)
+    assert memory.tobytes()[states] == end.tobytes()
 
 
 @pytest.mark.long
@@ -189,7 +205,7 @@ def test_aarch64_gives_the_same_bits(name, order, body, load, tmp_path):
     """In QEMU: a program calls the kernel on an image of its memory, at an address that is free on both machines."""
     if (name, body) == ("split", "suslov"):
         pytest.skip("split has no axes that are not principal")
-    kernel, block, arrays = marched(INTEGRATORS[name](order=order), body, load)
+    kernel, block, arrays, end = marched(INTEGRATORS[name](order=order), body, load)
     (image, states), found = image_of(block, arrays), []
     binding.initialize_all_targets()
     binding.initialize_all_asmprinters()
@@ -206,4 +222,4 @@ def test_aarch64_gives_the_same_bits(name, order, body, load, tmp_path):
             subprocess.run(command, cwd=tmp_path, check=True)
         found.append((tmp_path / "image").read_bytes()[states])
     assert found[0] != image[states]  # the kernel has worked
-    assert found[0] == found[1]
+    assert found[0] == found[1] == end.tobytes()

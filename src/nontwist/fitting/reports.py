@@ -36,6 +36,7 @@ QUALITY = (
     "is_explained",
     "cross_validation",
 )
+ROUND_OFF = 1e-12  # of the largest number that is fitted: no residual tells anything that is less
 SHARE = 0.5  # of the second moments along the centre: what an unknown mass takes of them
 
 
@@ -209,7 +210,8 @@ def worth(fit: Fit) -> list[InputWarning]:
     if not (fit.solution.is_settled or fit.untold):
         said.append(InputWarning("unsettled"))
     size = abs(fit.residual)
-    typical = max(float(np.median(size) / 0.6745), fit.stated_noise)
+    round_off = ROUND_OFF * max(float(abs(part.model).max()) for part in fit.parts)
+    typical = max(float(np.median(size) / 0.6745), fit.stated_noise, round_off)
     row, axis = (int(i) for i in np.unravel_index(int(np.argmax(size)), size.shape))
     if size[row, axis] > STRAY * typical and fit.solution.problem.loss == "linear":
         time = np.concatenate([part.time for part in fit.parts])

@@ -268,7 +268,8 @@ class PreparedMarch:
         block, *keepalive = march.laid(self._todo)
         pack(block, BLOCK, **array_addresses, scales=own[PREPARED.factor :])
         run = self._todo.driver.address
-        pack(own, PREPARED, block=block, numbers=len(memory), enter=enter.address, run=run)
+        begin = machine_code.pointer_address(enter.function_for(self._work))
+        pack(own, PREPARED, block=block, numbers=len(memory), enter=begin, run=run)
         states = states_in(arrays, march.skipped).part(0)
         return memory, own.data.cast("B"), own.ctypes.data, (states, block, keepalive)
 

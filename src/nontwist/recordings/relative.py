@@ -33,9 +33,9 @@ those of the shaken samples alone, each with all of the other recording, and mus
 unrelated motion a correlation of 0.8 is found by chance.
 
 **Times.** Where the two have other times, the attitudes of the second are interpolated at those of the first: by a
-spline of rotations with continuous angular acceleration (order 4 in the spacing, SciPy's `RotationSpline`, whose ends
-are extrapolated), or along great circles (order 2) for motions with corners at their samples. Only times that both cover, to half an interval, are
-kept.
+spline of rotations with continuous angular acceleration (order 4 in the spacing, SciPy's `RotationSpline`, its ends
+extrapolated), or along great circles (order 2) for motions with corners at their samples. Only times that both cover,
+to half an interval, are kept.
 
 **Mountings.** A sensor is strapped to its segment in an attitude M that nobody knows: it reports R = S M, where S is
 that of the segment. In a pose in which the axes of the segment are those of space, S = 1 and R₀ = M, so

@@ -246,6 +246,33 @@ def test_tables(loaded, free):
         assert "…" not in text
 
 
+@pytest.mark.parametrize("changed", [{"step": slice(None, None, -1)}, ("step", ...)])
+def test_comparisons_in_another_order(loaded, changed):
+    """Of steps from fine to coarse, and of other dims, tables and figures are the same."""
+    other = loaded.isel(changed) if isinstance(changed, dict) else loaded.transpose(*changed)
+    for show in (summary, table):
+        assert printed(show(other)) == printed(show(loaded))
+    for against in ("seconds", "steps"):
+        pairs = zip(*(plot.work_precision(one, against=against).lines for one in (loaded, other)), strict=True)
+        for line, same in pairs:
+            np.testing.assert_array_equal(same.get_xydata(), line.get_xydata())
+
+
+def test_changed_comparisons_are_refused(loaded):
+    for changed in (
+        loaded.isel(integrator=0),
+        loaded.sel(step=0.5),
+        loaded.isel(invariant=[]),
+        loaded.where(loaded.step < 0.1, drop=True),
+        xarray.concat([loaded, loaded], "integrator", data_vars="minimal"),
+    ):
+        for show in (summary, table, *([plot.work_precision] if changed.sizes["invariant"] else [])):
+            with says():
+                show(changed)
+    with says():
+        plot.work_precision(loaded.sel(integrator=["split 4"]))
+
+
 def test_work_precision(loaded):
     """Integrators without steps, each of their tolerances, are horizontal lines over steps."""
     axes, over_steps = plot.work_precision(loaded), plot.work_precision(loaded, against="steps")

@@ -53,6 +53,17 @@ def as_dataset(
     return data if inside.all() else data.isel(midtime=inside)
 
 
+def as_comparison(data: Any, numbers: Iterable[str], attributes: Iterable[str], texts: Iterable[str]) -> Any:
+    """Return `data` on (integrator, step), steps from coarse to fine; a ValueError where it is not a comparison."""
+    data = as_dataset(data, "a comparison of nontwist.compare", numbers, attributes, texts)
+    for dim in ("integrator", "step", *(["invariant"] if "drift" in numbers else [])):
+        if not data.sizes.get(dim):
+            raise ValueError(f"the comparison has no dim {dim}, or none is left: choose by lists, .isel({dim}=[0])")
+    if data["attitude_reference_error"].ndim or not data.indexes["integrator"].is_unique:
+        raise ValueError("the comparison has an integrator twice, or was changed by where: choose by lists, with sel")
+    return data.transpose("integrator", "step", ...).sortby("step", ascending=False)
+
+
 def of_member(data: Any) -> Any:
     """Return a member of an ensemble with the body that is its own; anything else as it is."""
     if not hasattr(data, "data_vars") or "member" in data.dims:

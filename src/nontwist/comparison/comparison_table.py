@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..analysis.datasets import as_dataset
+from ..analysis.datasets import as_comparison
 from ..analysis.invariants import in_words
 from ..geometry.arrays import Array, Dataset, as_positive
 from .comparing import MEASURES, short
@@ -25,9 +25,9 @@ TEXTS = ("integrator", "message", "invariant", "invariant_symbol", "family")
 NUMBERS = ("step", "takes_steps", *(name for name in MEASURES if name not in ("message", "twist_defect")))
 
 
-def as_comparison(data: Any) -> Any:
-    """Return `data`; a ValueError where it is not a comparison."""
-    return as_dataset(data, "a comparison of nontwist.compare", NUMBERS, ("title", "shared_times", "reference"), TEXTS)
+def checked(data: Any) -> Any:
+    """Return a comparison with all that tables show."""
+    return as_comparison(data, NUMBERS, ("title", "shared_times", "reference"), TEXTS)
 
 
 def empty_table(title: str, first: str, headings: Sequence[str], comparison: Dataset) -> Table:
@@ -145,7 +145,7 @@ def summary(comparison: Dataset, targets: Sequence[float] = (1e-3, 1e-6, 1e-9)) 
     >>> list(choice.columns[1].cells)  # the order of the attitude
     ['4.0', '–']
     """
-    as_comparison(comparison)
+    comparison = checked(comparison)
     targets = as_positive(targets, "targets", (None,), "rad").tolist()
     to = [*(f"ms to\n{short(target)}" for target in targets), f"step\nfor\n{short(min(targets))}"]
     title = f"{comparison.attrs['title']}: integrators compared"
@@ -257,7 +257,7 @@ def table(comparison: Dataset) -> Table:
     >>> [cell.strip() for cell in runs.columns[0].cells]
     ['gauss 8', '0.1', '0.05', 'exact']
     """
-    as_comparison(comparison)
+    comparison = checked(comparison)
     headings = ["error Λ\nrad", "n", "error Π\nkg m² s⁻¹", "n"]
     table = empty_table(comparison.attrs["title"], "integrator,\nstep (s)", headings, comparison)
     table.add_column("ms", justify="right", no_wrap=True)

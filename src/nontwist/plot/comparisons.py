@@ -6,7 +6,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from ..analysis.datasets import as_dataset
+from ..analysis.datasets import as_comparison
 from ..geometry.arrays import Axes, Dataset
 from ..geometry.values import require_among
 from ..integrators import INTEGRATORS
@@ -70,7 +70,9 @@ def work_precision(
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
     require_among(against, "against", ("seconds", "steps"))
-    as_dataset(comparison, "a comparison of nontwist.compare", NUMBERS, (), ("method", "family", "integrator"))
+    comparison = as_comparison(comparison, NUMBERS, (), ("method", "family", "integrator"))
+    if not np.isfinite(comparison["run_time"]).any():
+        raise ValueError("no run of the comparison is complete: nothing can be drawn; its message gives the reasons")
     given, bar = given_look(properties, "work_precision"), float(comparison["attitude_reference_error"])
     with style():
         ax = axes_for(ax, 3.2)

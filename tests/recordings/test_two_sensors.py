@@ -118,6 +118,20 @@ def test_clocks_are_found(case):
     assert trial.off(found) < of_twist
 
 
+def test_moving_from_the_start():
+    """Between the samples of an arm that speeds up at both ends the order is 4, as everywhere."""
+    t, off = np.linspace(0.01, 1.99, 2001), []
+    psi, phi = np.sin(2.3 * t), 0.7 * np.sin(1.9 * t)
+    turned = Rotation.from_euler("ZYZ", np.stack([phi, np.full_like(t, TILT), psi], axis=1))
+    for count in (41, 81, 161):
+        s = np.linspace(0, 2, count)
+        arms = [Rotation.from_euler("ZYX", np.stack([3 * x, 0.8 * np.sin(4 * x), x**3], axis=1)) for x in (t, s)]
+        off.append(Trial(t, arms[0] * turned, s, arms[1], psi + phi * np.cos(TILT)))
+    errors = [trial.off(trial.twist(clocks="shared")) for trial in off]
+    assert np.log2(np.divide(errors[:-1], errors[1:])).min() > 3.5
+    assert errors[-1] < 1e-4
+
+
 def drift_found(end, drift, shakes, seed, sigma):
     """The error of the drift that is found, and how uncertain it is said to be."""
     trial = recordings(end, (100, 61.7 if seed % 2 else 100), drift, 10.0, shakes, seed)

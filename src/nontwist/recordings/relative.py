@@ -33,9 +33,9 @@ those of the shaken samples alone, each with all of the other recording, and mus
 unrelated motion a correlation of 0.8 is found by chance.
 
 **Times.** Where the two have other times, the attitudes of the second are interpolated at those of the first: by a
-spline of rotations with continuous angular acceleration (order 4 in the spacing, SciPy's `RotationSpline`), or along
-great circles (order 2) for motions with corners at their samples. Only times that both cover, to half an interval, are
-kept.
+spline of rotations with continuous angular acceleration (order 4 in the spacing, SciPy's `RotationSpline`, its ends
+extrapolated), or along great circles (order 2) for motions with corners at their samples. Only times that both cover,
+to half an interval, are kept.
 
 **Mountings.** A sensor is strapped to its segment in an attitude M that nobody knows: it reports R = S M, where S is
 that of the segment. In a pose in which the axes of the segment are those of space, S = 1 and R₀ = M, so
@@ -170,13 +170,33 @@ def _resampled(motion: Motion, beside: Motion, clocks: str | None, shake: Array 
         notes.append(InputWarning("not-covered", rows=counted(outside, "row")))
     t, A = t[inside], A[inside]
     kept = Samples(a.quaternion[inside], t, a.rows[inside], a.left_out + outside, notes, facts, a.lines)
-    B = RotationSpline(s, B)(t) if order == 4 and s.size >= 4 else Slerp(s, B)(np.clip(t, s[0], s[-1]))
+    spline = order == 4 and s.size >= 4
+    B = RotationSpline(*_prolonged(s, B))(t) if spline else Slerp(s, B)(np.clip(t, s[0], s[-1]))
     if fit is not None:
         counts = within(t, shake)[1:]
         against, *own = (sum_of_squares(turns(R)[counts]) for R in (B.inv() * A, A, B))
         if against >= min(own):  # two bodies turn against each other as much as they turn
             raise InputError("relative-motion", shift=fit.shift)
     return [kept, replace(kept, quaternion=B.as_quat())]
+
+
+def _prolonged(s: Array, B: Rotation) -> tuple[Array, Rotation]:
+    """Return times and attitudes with two more at half an interval from each end, where `RotationSpline` is steady.
+
+    They are of the cubic through the four at this end, beside the mean rotation: those in between keep the order 4.
+    """
+    from scipy.spatial.transform import Rotation
+
+    near, back = np.median(np.diff(s)) / 2, np.array([[-1.001], [-1.0]])
+    for _ in range(2):  # the first end, and in reversed time the last
+        k = np.unique(np.searchsorted(s, s[0] + near * np.array([0, 1.5, 3, 4.5])).clip(max=s.size - 1))
+        away, tau = B[0].inv() * B[k], (s[k] - s[0]) / near
+        mean = away[1].as_rotvec() / tau[1]
+        rest = (away * Rotation.from_rotvec(-np.outer(tau, mean))).as_rotvec()
+        ahead = Rotation.from_rotvec(np.polyval(np.polyfit(tau, rest, k.size - 1), back))
+        B = Rotation.concatenate([B[0] * ahead * Rotation.from_rotvec(back * mean), B])[::-1]
+        s = -np.append(s[0] + near * back, s)[::-1]
+    return s, B
 
 
 def _spaces_apart(a: Samples, b: Samples, shake: Array | None) -> list[InputWarning]:

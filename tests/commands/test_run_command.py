@@ -373,6 +373,8 @@ def test_compare(here):
     assert "integrators compared" in shown.stdout
     assert [line.split()[0] for line in shown.stdout.splitlines() if re.match("  0", line)] == ["0.1"]
     assert files() == ["run.toml", "work.svg"]
+    shown = ended(0, "compare", "run.toml", *midpoint, "--set", 'integrator.name="exact"')
+    assert shown.stderr == "next: nontwist run run.toml --set 'integrator.name=\"exact\"'\n"
     drawn = ended(0, "compare", "run.toml", *midpoint, "--figure", "steps.svg", "--against", "steps", "--quiet")
     assert drawn.stderr == "written: steps.svg\n"
     orbit = ["--set", 'load=[{kind="gravity_gradient", mean_motion=0.1, radial=[1, 0, 0], normal=[0, 0, 1]}]']

@@ -561,7 +561,10 @@ def test_the_commands(write):
     said(told)  # members take one step, and the hint is right as it stands
     assert hint == "next: nontwist sweep sweep.toml --set time.step=0.25 --set integrator.order=8"
     ended(0, *hint.split()[2:], "--dry-run")
-    assert "the table [sweep] is ignored; nontwist sweep sweep.toml runs" in nontwist("run", "sweep.toml").stderr
+    for given in ([], ["--set", "time.tolerance=1e-6", "--force"]):
+        ran = nontwist("run", "sweep.toml", *given)
+        assert "the table [sweep] is ignored; nontwist sweep sweep.toml runs" in ran.stderr
+    assert "tolerance" in ran.stdout
     assert "10 members over body.axis.0, body.axis.1" in nontwist("check", "sweep.toml").stdout
 
 

@@ -560,6 +560,16 @@ def test_wheels_do_not_continue():
     run = nt.simulate(body, t_end=1, load=own, **W)
     with warned("start-other-memory"):
         nt.stepper(body, 0.1).reset(start=run)
+    state, other = (nt.stepper(body, 0.1, load=nt.wheel(n, 0.05, speed=100)).state for n in "zx")
+    for load in (None, own + own, nt.wheel("z", 0.1), nt.wheel("x", 0.05)):
+        loop = nt.stepper(body, 0.1, load=load)
+        with pytest.raises(ValueError, match="axis, wheels or memory; use reset"):
+            loop.state = state
+    with warned("start-other-memory"):
+        loop.reset(start=state)
+    with warned():
+        loop.reset(start=other)
+    loop.state = other
     with pytest.raises(ValueError, match="lacks internal_state"):
         nt.simulate(body, t_end=2, load=own, start=run.drop_vars("internal_state"))
     for call in (partial(nt.simulate, body, t_end=2, load=own), nt.stepper(body, 0.1, load=own).reset):

@@ -184,6 +184,7 @@ class Kind(NamedTuple):
     step: float
     inertia: bytes
     axis: bytes | None
+    wheels: tuple[tuple[float, ...], ...]  # inertia and axis of each
     internal: int  # internal states of the load but for wheels
     carried: int  # those and what the numbers have of wheels
 
@@ -305,8 +306,8 @@ class Stepper:
         self._wheels = load.wheels
         count = load.internal_state.size - sum(one.count for one in load.wheels)
         held = 0 if load.is_dry else COMMANDED * sum(not one.is_driven for one in load.wheels)
-        self._kind = Kind(integrator, step, system.euler_inertia.tobytes(), axis, count, held + count)
         self._axes = wheel_axes_of(load)
+        self._kind = Kind(integrator, step, system.euler_inertia.tobytes(), axis, self._axes, count, held + count)
         self._steps_now, self._unremarkable = False, (integrator.largest_turn / step) ** 2
         self.reset()
 
@@ -454,8 +455,8 @@ class Stepper:
     def state(self) -> StepperState:
         """The current state. Set it to return to an earlier state of this stepper, or of one of the same kind.
 
-        A stepper of the same kind has the same integrator, order and step, a body of the same inertia and axis, and as
-        many internal states. For any other state use `reset`.
+        A stepper of the same kind has the same integrator, order and step, a body of the same inertia and axis, the
+        same wheels, and as many internal states. For any other state use `reset`.
         """
         return self._state
 
@@ -467,7 +468,7 @@ class Stepper:
             )
         if state._kind != self._kind:
             raise ValueError(
-                "state belongs to a stepper with another integrator, order, step, inertia, axis or memory; "
+                "state belongs to a stepper with another integrator, order, step, inertia, axis, wheels or memory; "
                 "use reset(rotation=state.rotation, material_angular_velocity=state.material_angular_velocity, "
                 "time=state.time)"
             )

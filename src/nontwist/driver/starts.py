@@ -14,7 +14,7 @@ from ..analysis.trajectory import Trajectory, segments_from
 from ..errors import SENTENCES, InputError, InputWarning, warn
 from ..geometry.arrays import LARGEST, Array, Rotation, as_array, as_floats, as_number, in_order, vector
 from ..geometry.attitudes import attitudes, states_of
-from ..geometry.values import short_repr
+from ..geometry.values import short_repr, vector_text
 from ..integrators.ivp import Segments
 from ..loads import Load
 from ..loads.kinds import load_in_words
@@ -145,6 +145,7 @@ SENTENCES["start-other-memory"] = (
     "the run that is continued has {had}, and the load {has}: {kept}; continue with the load of that run, or start "
     "from its rotation and angular velocity, with speed= of wheels"
 )
+KEPT = "momenta and internal states are kept, and speeds are not"
 SENTENCES["start-at-rest"] = (
     "start= has times and attitudes, but no velocities: only its last attitude is taken, at rest at t = {time} s; "
     "open_run reads a run with its velocities, and rotation= is an attitude without time"
@@ -264,6 +265,10 @@ def _carrying(begin: Starts, start: Any, systems: SystemStack, load: Load | None
             raise ValueError(
                 f"start= has {begin.internal.size} internal states, of wheels or memory, and the load none"
             )
+        now = wheel_axes_of(load) if load is not None else ()
+        if begin.internal is not None and not _are_same(start._axes, now):
+            had, has = ("; ".join(map(_wheel_in_words, many)) or "no wheels" for many in (start._axes, now))
+            warn(InputWarning("start-other-memory", had=had, has=has, kept=KEPT))
         return begin, systems.axis
     records = _records(start)
     begin = begin._replace(wheels=tuple(recorded_wheels(records)))
@@ -504,12 +509,19 @@ def _require_memory(records: Sequence[Record], load: Load, begin: Starts) -> Non
     before, now = ([one for one in many if one["kind"] == "memory"] for many in (records, load.description))
     if before and now and begin.internal is None:
         raise ValueError("start= lacks internal_state, from which its wheels and memory continue; keep all variables")
-    a, b = ([[*one["wheel"], one["inertia"]] for one in many if "wheel" in one] for many in (before, now))
-    is_same = (len(before), len(a)) == (len(now), len(b)) and np.allclose(a, b, rtol=SAME, atol=0.0)
-    if before and not is_same:
+    a, b = ([(one["inertia"], *one["wheel"]) for one in many if "wheel" in one] for many in (before, now))
+    if before and not (len(before) == len(now) and _are_same(a, b)):
         had, has = (load_in_words(many) if many else "none" for many in (before, now))
-        kept = "momenta and internal states are kept, and speeds are not" if now else "what they have is lost"
-        warn(InputWarning("start-other-memory", had=had, has=has, kept=kept))
+        warn(InputWarning("start-other-memory", had=had, has=has, kept=KEPT if now else "what they have is lost"))
+
+
+def _are_same(before: Sequence[Sequence[float]], now: Sequence[Sequence[float]]) -> bool:
+    """Whether wheels, each of an inertia and an axis, are the same."""
+    return len(before) == len(now) and np.allclose(before, now, rtol=SAME, atol=0.0)
+
+
+def _wheel_in_words(wheel: Sequence[float]) -> str:
+    return f"wheel of {wheel[0]:.6g} kg m² about {vector_text(wheel[1:])}"
 
 
 def _of_member(start: Any) -> Any:

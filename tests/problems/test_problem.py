@@ -258,6 +258,26 @@ def test_copy_is_equal(tmp_path):
 
 
 @pytest.mark.parametrize(
+    "given",
+    [{}, {"load": None, "order": 4, "step": 0.1}, {"store": "end", "integrator": "lie-midpoint", "times": None}],
+)
+def test_stated_defaults_are_equal(given, tmp_path):
+    """A file states what a problem leaves out: the two are equal, and another value of it is not."""
+    problem = Problem(BODY, t_end=1, **given)
+    problem.write(tmp_path / "run.toml")
+    read = Problem.read(tmp_path / "run.toml")
+    assert len(read.given) > len(problem.given)
+    assert (read, hash(read)) == (problem, hash(problem))
+    for other in (
+        {"t_start": 0.5},
+        {"material_angular_velocity": (0, 1, 0)},
+        {"load": nt.damping(1)},
+        {"project": True},
+    ):
+        assert read != problem.replace(**other)
+
+
+@pytest.mark.parametrize(
     ("changes", "other"),
     [
         ({"t_end": 1.0, "load": nt.sine([0, 0, 1], frequency=0.5)}, {"t_end": 2}),

@@ -90,7 +90,7 @@ def as_specified(record: Any, name: str) -> Any:
         is_wrong, words = BOUNDS[spec.rule]
         refuse(is_wrong(array), name, lambda i: f"{words}, got {array[i]:g} {spec.unit}".rstrip())
     if spec.rule == "increasing":
-        increasing(array)
+        increasing(array, jumps=True)
     if spec.rule == "symmetric":
         if (gap := abs(array - array.T).max()) > SYMMETRIC * abs(array).max():
             raise ValueError(f"{name} is not symmetric: entries differ by {gap:.3g}; give (A + Aᵀ)/2")

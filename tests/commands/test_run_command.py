@@ -347,11 +347,12 @@ def test_dissipation_is_printed(here):
 def test_a_comparison_cuts_no_number(here):
     here(BODY + TIME + START)
     how = ["--integrator", "gauss:4", "--step", "0.1", "--step", "0.05", "--every"]
-    for width in (60, 80):
+    for width in (60, 67, 80):
         shown = nontwist("compare", "run.toml", *how, COLUMNS=str(width))
         assert "…" not in shown.stdout
         assert max(map(len, shown.stdout.splitlines())) <= width
-        assert ("a wider terminal shows" in shown.stderr) == (width == 60)
+        assert ("a wider terminal shows" in shown.stderr) == (width < 80)
+        assert ("shows 1 more column: " in shown.stderr) == (width == 67)
 
 
 @pytest.mark.usefixtures("undrawn")
@@ -372,6 +373,8 @@ def test_compare(here):
     assert "integrators compared" in shown.stdout
     assert [line.split()[0] for line in shown.stdout.splitlines() if re.match("  0", line)] == ["0.1"]
     assert files() == ["run.toml", "work.svg"]
+    shown = ended(0, "compare", "run.toml", *midpoint, "--set", 'integrator.name="exact"')
+    assert shown.stderr == "next: nontwist run run.toml --set 'integrator.name=\"exact\"'\n"
     drawn = ended(0, "compare", "run.toml", *midpoint, "--figure", "steps.svg", "--against", "steps", "--quiet")
     assert drawn.stderr == "written: steps.svg\n"
     orbit = ["--set", 'load=[{kind="gravity_gradient", mean_motion=0.1, radial=[1, 0, 0], normal=[0, 0, 1]}]']

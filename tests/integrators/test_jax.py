@@ -170,6 +170,7 @@ def test_matrices_and_axes_are_extended():
     random, n = np.random.default_rng(13), np.array([1, 2, 2]) / 3
     run = function(nt.suslov(J, n), project=True, material_angular_velocity=W0, load=nt.sine(PEAK, 0.7), **GRID)
     f, point = attitude_of(run), {"rotation": R0, "inertia": J, "axis": 7 * n}
+    assert f({**point, "inertia": J + 1e-7 * hat([1, 2, 3])}) == pytest.approx(float(f(point)), rel=1e-14)
     g = jax.jit(jax.grad(f))(point)
     assert abs(R0.T @ g["rotation"] + (R0.T @ g["rotation"]).T).max() < 1e-13
     assert np.array_equal(g["inertia"], g["inertia"].T)

@@ -109,6 +109,16 @@ def test_unsorted_times_are_named():
         nt.body_moment([0, 1, 2, 1, 3], np.zeros((5, 3)))
 
 
+def test_remedy_for_a_jump():
+    """It is a moment that jumps from 1 to 3 N m about the third axis: J W' = 1 for 1 s, and 3 for another."""
+    values = np.outer([1, 1, 3, 3], [0, 0, 1])
+    with pytest.raises(ValueError, match="for a jump there") as told:
+        nt.body_moment([0, 1, 1, 2], values)
+    times = [0, 1, float(re.search(r"give (\S+) as", str(told.value))[1]), 2]
+    run = nt.simulate(nt.standard([3, 4, 5]), t_end=2, load=nt.body_moment(times, values))
+    assert run.angular_velocity.values[-1] == pytest.approx([0, 0, 4 / 5], abs=1e-8)
+
+
 test_refused_with_time_or_value = refused_as(
     {
         "raises": lambda: nt.body_moment(lambda t: (1 / (t - 2), 0, 0)).sample([1, 2.0], "body"),
@@ -120,6 +130,8 @@ test_refused_with_time_or_value = refused_as(
         "no values": lambda: nt.body_moment([0, 1]),
         "no times": lambda: nt.body_moment([0, 0, 1]),
         "order": lambda: nt.body_moment([0, 2, 1], np.zeros((3, 3))),
+        "jump": lambda: nt.body_moment([0, 1, 1], np.zeros((3, 3))),
+        "divisor": lambda: nt.damping(1) / 0,
         "damping": lambda: nt.damping(-1),
         "pulse": lambda: nt.pulse([1, 0, 0], 2, 1),
         "no text": lambda: Bare(),

@@ -4,6 +4,7 @@ import itertools
 import sys
 import threading
 from collections import Counter
+from functools import partial
 from pathlib import Path
 from unittest.mock import patch
 
@@ -119,6 +120,21 @@ def test_component_labels(runs):
         axes = plot.energy(run.sel(time=slice(first, None)))
         assert axes.get_xlim() == limits
     assert (axes.get_ylabel(), len(axes.lines)) == (r"kinetic energy $T_{\mathrm{kin}}$ (eV)", 1)
+
+
+def test_labels_that_were_dropped(two):
+    run = two["non-twisting"]
+    bare = run.drop_vars(["director", "axis", "quat", "constraint"])
+    for draw in (
+        plot.momenta,
+        partial(plot.momenta, frame="body"),
+        plot.multipliers,
+        partial(plot.directors, director=1),
+    ):
+        axes, same = draw(bare), draw(run)
+        assert legends(axes) == legends(same)
+        assert np.array_equal(ys(axes), ys(same))
+    assert np.array_equal(np.transpose(ys(axes)), run.directors.values[:, 0])
 
 
 def test_runs_differ_by_line_style(two):

@@ -153,6 +153,17 @@ WRITTEN = {
 }
 
 
+def test_written_velocity_keeps_bits(tmp_path):
+    """That across a constrained axis, from which what is along it is removed once."""
+    body, W = nt.suslov([3, 4, 5], (3, 2, 10)), (-0.301, 1.504, 2.841)
+    problem = posed(body, material_angular_velocity=W, project=True, step=0.1)
+    problem.write(tmp_path / "run.toml")
+    first, again = (
+        nt.simulate(one).material_angular_velocity[0] for one in (problem, Problem.read(tmp_path / "run.toml"))
+    )
+    assert again.values.tolist() == first.values.tolist()
+
+
 def test_written_inertia_keeps_bits(tmp_path):
     problem = posed(nt.standard([[0.5, 0.02, -0.01], [0.02, 0.42, 0.03], [-0.01, 0.03, 0.25]]))
     problem.write(tmp_path / "run.toml")
@@ -244,6 +255,26 @@ def test_copy_is_equal(tmp_path):
             assert np.array_equal(nt.integrate(again).quaternion, expected)
             assert problem == again
             assert hash(problem) == hash(again)
+
+
+@pytest.mark.parametrize(
+    "given",
+    [{}, {"load": None, "order": 4, "step": 0.1}, {"store": "end", "integrator": "lie-midpoint", "times": None}],
+)
+def test_stated_defaults_are_equal(given, tmp_path):
+    """A file states what a problem leaves out: the two are equal, and another value of it is not."""
+    problem = Problem(BODY, t_end=1, **given)
+    problem.write(tmp_path / "run.toml")
+    read = Problem.read(tmp_path / "run.toml")
+    assert len(read.given) > len(problem.given)
+    assert (read, hash(read)) == (problem, hash(problem))
+    for other in (
+        {"t_start": 0.5},
+        {"material_angular_velocity": (0, 1, 0)},
+        {"load": nt.damping(1)},
+        {"project": True},
+    ):
+        assert read != problem.replace(**other)
 
 
 @pytest.mark.parametrize(

@@ -213,6 +213,13 @@ def test_forecast_of_a_sweep(loads, over, combine, count, write, monkeypatch):
     assert forecast(file).sweep_seconds > least
 
 
+def test_extrema_of_a_sweep_take_longer(write):
+    """Each step of each member is looked into at 20 places, which takes longer than the step."""
+    text = BODY + '[sweep]\nsamples = 1000\nreduce = ["drift"]\nover = [{ key = "body.inertia.0", ' + DRAWN + " }]\n"
+    plain, inside = (forecast(read_run_file(write(one))) for one in (text, text.replace("drift", "extrema")))
+    assert inside.sweep_seconds - plain.sweep_seconds == pytest.approx(1000 * plain.steps * 15e-6)
+
+
 def test_substeps_cost_about_the_same():
     """Those with more to solve take longer."""
     free, held = (problem(body, nt.space_moment([0, 1], np.eye(3)[:2])) for body in (STANDARD, FREE))

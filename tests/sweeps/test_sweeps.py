@@ -506,6 +506,8 @@ def test_file_is_read_again(write):
 
 @pytest.mark.usefixtures("here")
 def test_the_commands(write):
+    write(HELD + a_list("body.axis.1", [0.1]), "sweep.toml")
+    assert "list: 1 value " in nontwist("sweep", "sweep.toml", "--dry-run").stdout
     write(HELD + a_list("body.axis.1", [0.1, 0.2]), "sweep.toml")
     dry = nontwist("sweep", "sweep.toml", "--dry-run")
     for words in ("grid: start -1.0, end 1.0, count 5", "list: 2 values", "570 B", "57 bytes per member", "10 members"):
@@ -559,7 +561,10 @@ def test_the_commands(write):
     said(told)  # members take one step, and the hint is right as it stands
     assert hint == "next: nontwist sweep sweep.toml --set time.step=0.25 --set integrator.order=8"
     ended(0, *hint.split()[2:], "--dry-run")
-    assert "the table [sweep] is ignored; nontwist sweep sweep.toml runs" in nontwist("run", "sweep.toml").stderr
+    for given in ([], ["--set", "time.tolerance=1e-6", "--force"]):
+        ran = nontwist("run", "sweep.toml", *given)
+        assert "the table [sweep] is ignored; nontwist sweep sweep.toml runs" in ran.stderr
+    assert "tolerance" in ran.stdout
     assert "10 members over body.axis.0, body.axis.1" in nontwist("check", "sweep.toml").stdout
 
 

@@ -8,6 +8,7 @@ from typing import Any
 
 from ..geometry.arrays import in_order
 from ..geometry.values import short_repr
+from ..models.equations import LABELS
 from ..models.system import DirectorSystem
 from .variables import COORDINATES, TIMES, VARIABLES
 
@@ -42,6 +43,11 @@ def as_dataset(
     for name in attributes:
         if name not in data.attrs:
             raise ValueError(f"expected {what} with the attribute {name!r}; this Dataset does not have it")
+    count = data.sizes.get("constraint", 0)
+    along = COORDINATES | {"constraint": list(LABELS[-1:] if count == 1 else LABELS[:count])}  # where they were dropped
+    data = data.assign_coords(
+        {dim: own for dim, own in along.items() if dim not in data.coords and data.sizes.get(dim) == len(own)}
+    )
     data = in_order(data).transpose(*FIRST, ..., *COORDINATES, missing_dims="ignore")
     for dim in TIMES:
         if dim in data.indexes and not data.indexes[dim].is_monotonic_increasing:

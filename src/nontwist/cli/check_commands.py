@@ -94,7 +94,8 @@ def precision_command(
 ) -> None:
     """Run FILE with its step h, h/2 and h/4; print the second quotient and the observed order.
 
-    Writes no result. Exits with status 1 if the observed order differs from that of the integrator by more than 0.2.
+    Writes no result and looks for no events. Exits with status 1 if the observed order differs from that of the
+    integrator by more than 0.2.
     """
     from ..driver.runs import dataset_of
     from ..driver.tolerance import moved
@@ -271,7 +272,8 @@ def compare_command(
     from ..plot.journals import require_places
 
     refuse((against != "seconds" and figure is None, "--against", "applies to --figure only; add --figure PATH"))
-    problem = read_one(file, overrides).problem.replace(times=None, events=None)
+    run_file = read_one(file, overrides, alone=True)
+    problem = run_file.problem.replace(times=None, events=None)
     chosen = [_choice(name) for name in integrators] if integrators else None
     if figure is not None:
         require_places(figure, force=answer.force)
@@ -288,7 +290,8 @@ def compare_command(
             f"{file}: no integrator of this comparison solved the problem", BAD_DATA if refused else SOLVER
         )
     if is_read:
-        say_next(("precision", file), ("run", file), sets=overrides)
+        has_steps = not nontwist.integrators.INTEGRATORS[run_file.integrator.name].any_times
+        say_next(*[("precision", file)] * has_steps, ("run", file), sets=overrides)
     if figure is not None:
         nontwist.plot.save(nontwist.plot.work_precision(found, against=against), figure, force=answer.force)
         say_written([figure])

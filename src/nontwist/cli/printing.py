@@ -11,6 +11,7 @@ from itertools import chain
 from typing import TYPE_CHECKING, Any, Literal
 
 from ..errors import ShellOptions, Worded
+from ..geometry.values import counted
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -146,7 +147,7 @@ def print_fitting(table: Table) -> None:
             column._index = k
     console.print(table)
     if dropped:
-        say(f"a wider terminal shows {len(dropped)} more columns: {', '.join(reversed(dropped))}")
+        say(f"a wider terminal shows {counted(len(dropped), 'more column')}: {', '.join(reversed(dropped))}")
 
 
 def widths_within(columns: Mapping[str, Sequence[str | Text]], room: int, folded: bool = False) -> list[int] | None:

@@ -53,7 +53,7 @@ def run_command(
     from ..driver.notices import sigterm_interrupts
     from ..io.run_files import reserved
 
-    run_files = read_all(files, overrides)
+    run_files = read_all(files, overrides, alone=True)
     targets = {path: _target(path, one, out, len(files)) for path, one in run_files.items()}
     drawn: dict[Path, Any] = {path: FIGURES if figures else one.output.figures for path, one in run_files.items()}
     for one, other in combinations(targets, 2):
@@ -71,12 +71,12 @@ def run_command(
         raise typer.Exit(SOLVER)
 
 
-def read_all(files: list[Path], overrides: list[str] | None) -> dict[Path, RunFile]:
+def read_all(files: list[Path], overrides: list[str] | None, alone: bool = False) -> dict[Path, RunFile]:
     """Read run files; all problems of all of them are reported in one error."""
     run_files, problems = {}, []
     for path in files:
         try:
-            run_files[path] = read_one(path, overrides)
+            run_files[path] = read_one(path, overrides, alone)
         except RunFileError as error:
             problems.append(str(error))
     if problems:
@@ -84,12 +84,23 @@ def read_all(files: list[Path], overrides: list[str] | None) -> dict[Path, RunFi
     return run_files
 
 
-def read_one(path: Path, overrides: list[str] | None) -> RunFile:
-    """Read a run file; where there is none of this name, say which one may be meant."""
+def read_one(path: Path, overrides: list[str] | None, alone: bool = False) -> RunFile:
+    """Read a run file; where there is none of this name, say which one may be meant.
+
+    One that is run `alone`, without its sweep, needs no step for all members.
+    """
     from ..runfile import read_run_file
 
+    given = list(overrides or ())
     try:
-        return read_run_file(path, overrides or ())
+        try:
+            return read_run_file(path, given)
+        except RunFileError as error:
+            if not alone or [problem.key for problem in error.problems] != ["time.step"]:
+                raise
+            run_file = read_run_file(path, [*given, "sweep="])
+            _warn_of_sweep(path)
+            return run_file
     except FileNotFoundError as error:
         hint = ""
         if path.with_name(f"{path.name}.toml").is_file():
@@ -100,6 +111,10 @@ def read_one(path: Path, overrides: list[str] | None) -> RunFile:
         elif path.suffix in ("", ".toml") and path.stem in example_names():
             hint = f"; nontwist example {path.stem} copies it here"
         raise CommandError(f"{path}: {error.strerror}{hint}", IO) from error
+
+
+def _warn_of_sweep(path: Path) -> None:
+    say(f"{path}: warning: the table [sweep] is ignored; nontwist sweep {path} runs all members", "yellow")
 
 
 def _target(path: Path, run_file: RunFile, out: Path | None, files: int) -> Path:
@@ -117,7 +132,7 @@ def _target(path: Path, run_file: RunFile, out: Path | None, files: int) -> Path
 def _run(run_file: RunFile, path: Path, target: Path, write: Any, figures: Sequence[str], answer: Answer) -> bool:
     """Run one file, write the result, print a summary; return whether the run was completed."""
     if run_file.sweep is not None:
-        say(f"{path}: warning: the table [sweep] is ignored; nontwist sweep {path} runs all members", "yellow")
+        _warn_of_sweep(path)
     started, stopped = perf_counter(), None
     with on_file(path):
         try:

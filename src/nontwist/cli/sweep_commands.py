@@ -11,7 +11,7 @@ import typer
 
 import nontwist
 
-from ..geometry.values import number_text
+from ..geometry.values import counted, number_text
 from ..io.whole import require_free, written
 from .outcomes import DIFFERS, on_file
 from .printing import print_rows, print_table, print_variables, say, say_next, say_written
@@ -57,7 +57,7 @@ def plan_rows(run_file: RunFile, plan: Plan) -> dict[str, str]:
 def _over(data: dict[str, Any]) -> str:
     values = data.pop("values", None)
     rest = ", ".join(f"{key} {value}" for key, value in data.items() if key not in ("key", "kind"))
-    return f"{data['kind']}: {f'{len(values)} values' if values is not None else rest}".removesuffix(": ")
+    return f"{data['kind']}: {counted(len(values), 'value') if values is not None else rest}".removesuffix(": ")
 
 
 def sweep_facts(store: Path) -> dict[str, Any]:

@@ -163,9 +163,9 @@ def simulate_ensemble(
     size, one = int(statistics.bytes_of(names, m, count)), problem.member(0)
     workers = cores() if threads is None else as_whole(threads, "threads", 1)
     if not on_gpu:
-        cost, is_inside = members_cost(scheme, one, m, count, size, workers), "extrema" in requested
-        longer = completion.LONGER if is_inside and scheme.has_series(systems, load) else 1.0
-        announce(cost._replace(seconds=longer * cost.seconds), scheme, one)
+        cost = members_cost(scheme, one, m, count, size, workers)
+        inside = completion.extrema_seconds(scheme, one, m) if "extrema" in requested else 0.0
+        announce(cost._replace(seconds=cost.seconds + inside), scheme, one)
     kept: dict[str, Any] = {}
     with progress_bar(m, "members") if progress else nullcontext() as report:
         if plan.is_controlled:

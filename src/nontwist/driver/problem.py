@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import FrozenInstanceError
 from types import MappingProxyType
 from typing import Any, Literal, TypedDict, TypeVar, Unpack
@@ -19,7 +20,7 @@ from ..models.stack import SystemStack, stacked
 from ..models.system import DirectorSystem, as_system
 from ..spec import with_keywords
 from .events import as_events
-from .planning import Plan, planned
+from .planning import Plan, planned, resolve_integrator
 from .single_run import Forecast, Prepared, forecast
 from .starts import BodyState, Starts, starts
 
@@ -204,12 +205,13 @@ class Problem:
         raise FrozenInstanceError(f"a problem cannot be changed: problem.replace({name}=None) returns another")
 
     def __eq__(self, other: object) -> bool:
-        if not isinstance(other, Problem) or self.system != other.system or self.given.keys() != other.given.keys():
+        if not isinstance(other, Problem) or self.system != other.system:
             return False
-        return all(_are_equal(value, other.given[key]) for key, value in self.given.items())
+        one, two = _whole(self.given), _whole(other.given)
+        return one.keys() == two.keys() and all(_are_equal(value, two[key]) for key, value in one.items())
 
     def __hash__(self) -> int:
-        return hash((self.system, frozenset(self.given)))
+        return hash((self.system, frozenset(_whole(self.given))))
 
     def __reduce__(self) -> tuple[Any, ...]:
         return problem_with, (self.system, dict(self.given), self.file)
@@ -384,6 +386,19 @@ def _kept(keywords: Any) -> dict[str, Any]:
         if isinstance(value, np.ndarray):
             value.flags.writeable = False
     return kept
+
+
+def _whole(given: Mapping[str, Any]) -> dict[str, Any]:
+    """Return keywords with the defaults of what they leave out, and an integrator of a stated order as an instance."""
+    known = {**DEFAULTS, "load": Load(), **{key: value for key, value in given.items() if value is not None}}
+    if "start" not in known:
+        velocity = {} if "angular_velocity" in known else {"material_angular_velocity": np.zeros(3)}
+        known = {"t_start": 0.0, **velocity, **known}
+    with suppress(ValueError, TypeError):
+        if known.get("order") is not None:
+            known["integrator"] = resolve_integrator(known["integrator"], known["order"])
+            del known["order"]
+    return known
 
 
 def _are_equal(one: Any, other: Any) -> bool:

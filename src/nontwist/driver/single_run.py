@@ -410,8 +410,8 @@ class Forecast(NamedTuple):
     problems: tuple[Any, ...]  #: a body or a load that the integrator does not take, too little memory
 
 
-def forecast(prepared: Prepared, swept: tuple[int, int] | None = None) -> Forecast:
-    """Return what a run will be like, and a sweep of so many members and ensembles.
+def forecast(prepared: Prepared, swept: tuple[int, int, bool] | None = None) -> Forecast:
+    """Return what a run will be like, and a sweep of so many members and ensembles, with extrema or not.
 
     Problems are pairs of a keyword and the reason.
     """
@@ -423,7 +423,9 @@ def forecast(prepared: Prepared, swept: tuple[int, int] | None = None) -> Foreca
         problems.append(("integrator" if is_taken else "load", reason))
     elif reason := notices.excess(cost):
         problems.append(("store", reason))
-    seconds = None if swept is None else notices.sweep_seconds(scheme, task, *swept)
+    seconds = None if swept is None else notices.sweep_seconds(scheme, task, *swept[:2])
+    if seconds is not None and swept is not None and swept[2]:
+        seconds += completion.extrema_seconds(scheme, task, swept[0])
     messages = load_messages(load, plan.systems, plan.t_start, plan.t_end, grid)
     if not problems and (notice := notices.notice(cost)) is not None:
         messages.append(notice)

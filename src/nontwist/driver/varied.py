@@ -163,7 +163,7 @@ class Varied:
             if one.term is not None:
                 terms[one.term] = with_parameter(terms[one.term], one.field, value)
             elif one.field == "inertia":
-                system = replace(system, euler_inertia=euler(value))
+                system = replace(system, euler_inertia=euler((value + value.T) / 2))
             elif one.field == "principal_inertia":
                 Q = principal_axes(self.system.inertia)
                 system = replace(system, euler_inertia=euler((Q * value) @ Q.T))

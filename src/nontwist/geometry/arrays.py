@@ -200,14 +200,16 @@ def as_direction(value: Any, name: str, place: str = "the body") -> Array:
     return axis
 
 
-def increasing(times: Array, name: str = "", table: str = "a table") -> float:
-    """Return the smallest gap of the times of a table; a ValueError where they do not increase."""
+def increasing(times: Array, name: str = "", table: str = "a table", jumps: bool = False) -> float:
+    """Return the smallest gap of the times of a table, which may jump; a ValueError where they do not increase."""
     if times.size < 2:
         raise ValueError(f"{table} needs at least 2 times, got {times.size}")
     if (gaps := np.diff(times)).min() <= 0:
         k = int(np.argmax(gaps <= 0))
+        after = f"; for a jump there, give {times[k] + 1e-9 * max(1.0, abs(times[k])):.12g} as the second"
         raise ValueError(
             f"times{name} must increase, but times[{k + 1}] = {times[k + 1]:g} follows times[{k}] = {times[k]:g}"
+            + after * bool(jumps and gaps[k] == 0)
         )
     return float(gaps.min())
 

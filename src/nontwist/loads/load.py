@@ -109,7 +109,9 @@ class Load:
     __rmul__ = __mul__
 
     def __truediv__(self, divisor: float) -> Load:
-        return self * (1.0 / float(as_array(divisor, "divisor of a load", ())))
+        if (c := float(as_array(divisor, "divisor of a load", ()))) == 0:
+            raise ValueError("divisor of a load must not be 0; 0 * load has no moment")
+        return self * (1.0 / c)
 
     def __neg__(self) -> Load:
         return -1.0 * self

@@ -494,7 +494,7 @@ class Rotor(Momentum):
 
 def smoothness(times: Array) -> dict[str, Any]:
     """Return where a table has kinks, and how close they are; a ValueError where times do not increase."""
-    return {"breakpoints": tuple(times.tolist()), "resolution": increasing(times)}
+    return {"breakpoints": tuple(times.tolist()), "resolution": increasing(times, jumps=True)}
 
 
 def within(known: Array, values: Array, times: Any) -> list[Any]:

@@ -353,8 +353,8 @@ CAPABLE = f"an integrator that can: {DEFAULT} takes every body and load"
 def forecast(run_file: RunFile) -> Forecast:
     """Return what a run will be like; nothing is run."""
     sweep = run_file.sweep
-    counts = None if sweep is None else (sweep.members, sweep.ensembles(run_file.load))
-    coming = forecast_of(run_file.prepared, counts)
+    swept = None if sweep is None else (sweep.members, sweep.ensembles(run_file.load), "extrema" in sweep.reduce)
+    coming = forecast_of(run_file.prepared, swept)
     keys = {
         "integrator": ("integrator.name", run_file.integrator.name, CAPABLE),
         "store": ("time.store", run_file.time.store, Time.model_fields["store"].description or ""),

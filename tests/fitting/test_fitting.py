@@ -392,6 +392,7 @@ def test_the_command():
     Path("plain.csv").write_text(text.replace(" (deg/s)", ""), encoding="utf-8")
     for status, given, words in (
         (2, "throw.csv --from 0.8", ""),
+        (2, "throw.csv --from 0.8 --to 0.3", "--to: must be after --from, 0.8, got 0.3"),
         (2, "throw.csv --all --from 0 --to 1", ""),
         (2, "throw.csv -", ""),
         (5, "nothing.csv", ""),

@@ -153,6 +153,17 @@ WRITTEN = {
 }
 
 
+def test_written_velocity_keeps_bits(tmp_path):
+    """That across a constrained axis, from which what is along it is removed once."""
+    body, W = nt.suslov([3, 4, 5], (3, 2, 10)), (-0.301, 1.504, 2.841)
+    problem = posed(body, material_angular_velocity=W, project=True, step=0.1)
+    problem.write(tmp_path / "run.toml")
+    first, again = (
+        nt.simulate(one).material_angular_velocity[0] for one in (problem, Problem.read(tmp_path / "run.toml"))
+    )
+    assert again.values.tolist() == first.values.tolist()
+
+
 def test_written_inertia_keeps_bits(tmp_path):
     problem = posed(nt.standard([[0.5, 0.02, -0.01], [0.02, 0.42, 0.03], [-0.01, 0.03, 0.25]]))
     problem.write(tmp_path / "run.toml")

@@ -377,9 +377,11 @@ def fit_command(
     """
     from ..plot.journals import require_places
 
+    is_empty = first is not None and last is not None and first >= last
     refuse(
         (everything and (first is not None or last is not None), "--all", "--from and --to name a part"),
         ((first is None) != (last is None), "--from" if last is None else "--to", "--from and --to go together"),
+        (is_empty, "--to", f"must be after --from, {first or 0:g}, got {last or 0:g}"),
         (len(data) > 1 and "-" in data, "FILE...", "standard input is read once, and alone"),
     )
     for one in data:

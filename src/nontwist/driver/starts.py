@@ -402,12 +402,14 @@ def _projected(begin: Starts, systems: SystemStack, axis: Array | None, project:
 def separate_spin(W: Any, axis: Any) -> tuple[tuple[Any, Any, Any], Any, Any]:
     """Return W without its component along the unit axis, that component, and whether it is round-off.
 
-    The three components are numbers, or arrays. Where only round-off is left of W, nothing is.
+    The three components are numbers, or arrays. Where only round-off is left of W, nothing is; where only round-off
+    would be removed, nothing is either, so that to remove it twice is to remove it once.
     """
     (x, y, z), (a, b, c) = W, axis
-    spin = x * a + y * b + z * c
-    u, v, w = x - spin * a, y - spin * b, z - spin * c
-    is_left = 1.0 * (abs(u) + abs(v) + abs(w) > 4 * EPS * (abs(x) + abs(y) + abs(z)))
+    spin, round_off = x * a + y * b + z * c, 4 * EPS * (abs(x) + abs(y) + abs(z))
+    removed = spin * (abs(spin) > round_off)
+    u, v, w = x - removed * a, y - removed * b, z - removed * c
+    is_left = 1.0 * (abs(u) + abs(v) + abs(w) > round_off)
     return (u * is_left, v * is_left, w * is_left), spin, abs(spin) <= SAME * (x * x + y * y + z * z) ** 0.5
 
 

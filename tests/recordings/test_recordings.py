@@ -372,6 +372,9 @@ REFUSED = {
     **{f"thousands of ms, {one}": no("not-a-time",
         beside(time_ms=[f"{1000 + 20 * k:,}".replace(",", one) for k in range(N)]), value=f"1{one}000")
        for one in ", "},
+    "thousands and decimal commas": no("not-a-time",
+        table({"t": [f"{980 + 10 * k:,}.5".translate({44: ".", 46: ","}) for k in range(len(T))], **quaternion()},
+            ";", decimal=",").getvalue(), value="1.000,5"),
     "thousands of a gyroscope": no("not-a-number", 't,a,b,c\n1.000,"1,000","2,000",0.5\n' * 2,
         how={**ABC, "rotation_vector": True}, value="1,000"),
     "thousands of s": no("thousands",

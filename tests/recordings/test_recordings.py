@@ -821,6 +821,16 @@ def test_rounded_times(every, rate, told):
     assert abs(result.twist_rate - 1).max() < 1e-9
 
 
+def test_rate_beside_unnamed_columns():
+    """The message on a first column that is no time advises --rate, which ignores it."""
+    rows = "".join("quat," + ",".join(map(repr, one)) + "\n" for one in WXYZ.tolist())
+    with refused("not-a-time"):
+        read(rows, scalar_first=True)
+    found = read(rows, scalar_first=True, rate=50)
+    same(found)
+    np.testing.assert_allclose(found.time, T)
+
+
 def test_angular_velocities_are_named_likewise():
     """For `fit_inertia`: the line that has no number; rounded times, which a rate replaces."""
     gyroscope = {f"g{x} (rad/s)": column.astype(object) for x, column in zip("xyz", Q[:, :3].T, strict=True)}

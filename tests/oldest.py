@@ -4,7 +4,7 @@ import re
 import tomllib
 from pathlib import Path
 
-EXTRAS = ("test",)
+EXTRAS = ("test", "mesh", "c3d", "ros", "spice", "jax", "sweep")
 ONE = re.compile(r"([A-Za-z0-9._-]+)(?:\[[^]]*\])?\s*>=\s*([0-9.]+)")
 
 

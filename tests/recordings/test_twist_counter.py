@@ -5,10 +5,11 @@ import re
 from functools import partial
 
 import numpy as np
+import pandas
 import pytest
 from scipy.spatial.transform import Rotation
 
-from nontwist import TwistCounter, twist
+from nontwist import TwistCounter, integrate, standard, twist
 from recordings.test_twist import smooth
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*right angle:UserWarning")
@@ -91,13 +92,14 @@ FORMS = {
     "a Rotation": lambda r: r,
     "a matrix": lambda r: r.as_matrix(),
     "scalar first": lambda r: np.roll(r.as_quat(), 1),
+    "labelled, scalar first": lambda r: pandas.Series(np.roll(r.as_quat(), 1), list("wxyz")),
 }
 
 
 @pytest.mark.parametrize("name", FORMS)
 def test_every_form_of_one_attitude(name):
     R = smooth(1, 40)[1]
-    counter = TwistCounter("y", 2, scalar_first=name == "scalar first")
+    counter = TwistCounter("y", 2, scalar_first=name.endswith("scalar first"))
     found = [counter.update(FORMS[name](r)).twist for r in R]
     precision = 1e-6 if "single" in name else 1e-12
     assert found == pytest.approx(twist(R, axis="y", order=2).twist_angle.values, abs=precision)
@@ -181,6 +183,7 @@ WRONG_UPDATES = [
     (last, ONE, {}, "time must be given at every update or at none"),
     (last, (0, 0, 0.6, 0.9), NEXT, "quaternion must have the length 1, it has 1.08167"),
     (last, np.eye(4), NEXT, "rotation must have a sample for each of the streams (), got (4,)"),
+    (TwistCounter, integrate(standard([3, 4, 5]), t_end=1), {}, "rotation has times: give its samples one by one"),
     (last, ("a", 0, 0, 1), NEXT, "the motion must consist of numbers"),
     (last, ONE, {"time": "noon"}, "time must consist of numbers"),
     (last, ONE, {"time": np.nan}, "time"),

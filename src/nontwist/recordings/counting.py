@@ -210,7 +210,10 @@ class TwistCounter:
 
     def _quaternions(self, rotation: Any) -> Array:
         """Return quaternions, scalar last, not finite where there is no sample."""
-        values = raw_motion(rotation, self._scalar_first).values
+        motion = raw_motion(rotation, self._scalar_first)
+        if np.ndim(0.0 if motion.time is None else motion.time):
+            raise ValueError("rotation has times: give its samples one by one, or the whole of it to nontwist.twist")
+        values = motion.values
         if values.shape[-1] == 4:
             return values
         missing = np.asarray(~np.isfinite(values).all(axis=(-2, -1)))

@@ -102,6 +102,8 @@ def raw_motion(motion: Any, scalar_first: bool | None) -> Motion:
         readers = "open_run reads a run, read_motion a recording"
         raise ValueError(f"the motion must consist of numbers, got {str(motion)!r}; {readers}")
     array = as_floats(motion, "the motion")
+    if hasattr(motion, "iloc") and sorted(map(str, motion.index)) == ["w", "x", "y", "z"]:
+        scalar_first = False  # a labelled row of a table, now in the order of its labels
     if array.shape[-2:] == (3, 3):
         return Motion(array)
     if array.shape[-1:] == (4,):

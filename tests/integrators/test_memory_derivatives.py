@@ -69,6 +69,7 @@ def loaded(beside="wheels", p=NUMBERS):
     if beside == "potentials":
         orbit = nt.gravity_gradient(1.5, (1, 0, 0), (0, 1, 0), eccentricity=0.3)
         others = nt.potential([(1, 2, 2), (0, 1, 0)], linear=np.eye(3)[:2], quadratic=[J / 9, np.eye(3)])
+        others += 2 * nt.director_forces([0, 3], [J / 9, np.outer(W0, W0)])
         return own + 0.5 * nt.moment(resisting) + nt.director_forces(pulling, compiled=True) + orbit + others
     if beside == "springs":
         return own + nt.spring(2, (0, 0, 1), (1, 0, 0.5), 0.3) + 0.5 * nt.potential((1, 2, 2), level, slope)

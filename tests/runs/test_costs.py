@@ -213,7 +213,7 @@ def test_forecast_of_a_sweep(loads, over, combine, count, write, monkeypatch):
     assert forecast(file).sweep_seconds > least
 
 
-def test_extrema_of_a_sweep_take_longer(write):
+def test_extrema_of_sweep_take_longer(write):
     """Each step of each member is looked into at 20 places, which takes longer than the step."""
     text = BODY + '[sweep]\nsamples = 1000\nreduce = ["drift"]\nover = [{ key = "body.inertia.0", ' + DRAWN + " }]\n"
     plain, inside = (forecast(read_run_file(write(one))) for one in (text, text.replace("drift", "extrema")))

@@ -133,8 +133,8 @@ def compare(
     meets_kinks |= all(fits(inside(pace.breakpoints, t0, t1), N) for N in numbers.values())
     stepping = sum(not scheme.any_times for scheme in schemes.values())
     finest = max(found.values(), key=lambda grid: grid.steps)
-    each, runs = case.cost_on(finest), stepping * sum(numbers.values()) / finest.steps
-    long = notice(each._replace(seconds=2 * runs * each.seconds, parts=2 * runs * each.parts), "comparison")
+    each, runs = case.cost_on(finest), 2 * stepping * sum(numbers.values()) / finest.steps
+    long = notice(each._replace(seconds=runs * each.seconds, parts=round(runs * each.parts)), "comparison")
     for text in sorted(known | {text for text in (_few(shared) if shared < FEW else None, long) if text}):
         warnings.warn(text, UserWarning, stacklevel=2)
     with warnings.catch_warnings(action="ignore"):

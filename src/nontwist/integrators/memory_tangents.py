@@ -40,7 +40,7 @@ from ..loads.functions import MOMENTS, differentiated
 from ..loads.load import is_called, tables_as_moments
 from ..loads.load_derivatives import derivatives_of_columns
 from ..loads.memory_terms import Memory, Wheel
-from ..loads.potentials import GravityGradient, OfOneVector, Potential
+from ..loads.potentials import ForceTable, GravityGradient, OfOneVector, Potential
 from .compiled import Compiled
 from .gauss_coefficients import matrix, nodes, weights
 from .gauss_stages import pulled_back
@@ -163,7 +163,10 @@ class RememberingSteps:
             if isinstance(term, Potential):
                 yield from self._of_potential(term, t, R, dJ, zero)
                 continue
-            found = term.text(_called, [*(x for d in R.T for x in d), *(R @ W), time])
+            if isinstance(term, ForceTable):  # in space; those along the directors are moments
+                found: Any = [zero[0] + x for x in term.samples(t).T]
+            else:
+                found = term.text(_called, [*(x for d in R.T for x in d), *(R @ W), time])
             is_moment = term.kind != "forces"
             push = Vector(*found) if is_moment else moment_of(R.T, Matrix(found[:3], found[3:6], found[6:]))
             yield term.scale * push, zero

@@ -372,6 +372,9 @@ REFUSED = {
     **{f"thousands of ms, {one}": no("not-a-time",
         beside(time_ms=[f"{1000 + 20 * k:,}".replace(",", one) for k in range(N)]), value=f"1{one}000")
        for one in ", "},
+    "thousands and decimal commas": no("not-a-time",
+        table({"t": [f"{980 + 10 * k:,}.5".translate({44: ".", 46: ","}) for k in range(len(T))], **quaternion()},
+            ";", decimal=",").getvalue(), value="1.000,5"),
     "thousands of a gyroscope": no("not-a-number", 't,a,b,c\n1.000,"1,000","2,000",0.5\n' * 2,
         how={**ABC, "rotation_vector": True}, value="1,000"),
     "thousands of s": no("thousands",
@@ -816,6 +819,16 @@ def test_rounded_times(every, rate, told):
     assert result.attrs["notes"] == ""
     assert result.twist_angle[-1] == pytest.approx(t[-1], rel=1e-12)
     assert abs(result.twist_rate - 1).max() < 1e-9
+
+
+def test_rate_beside_unnamed_columns():
+    """The message on a first column that is no time advises --rate, which ignores it."""
+    rows = "".join("quat," + ",".join(map(repr, one)) + "\n" for one in WXYZ.tolist())
+    with refused("not-a-time"):
+        read(rows, scalar_first=True)
+    found = read(rows, scalar_first=True, rate=50)
+    same(found)
+    np.testing.assert_allclose(found.time, T)
 
 
 def test_angular_velocities_are_named_likewise():

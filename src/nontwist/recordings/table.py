@@ -219,7 +219,8 @@ def named_columns(
     if size is None:
         code = "no-headers" if how.columns is None else "three-columns" if len(names) == 3 else "columns"
         raise InputError(code, sizes=words, count=len(names))
-    time = names[0] if len(names) > size else how.time_column
+    is_ignored = how.columns is None and how.rate is not None
+    time = names[0] if len(names) > size and not is_ignored else how.time_column
     return names[len(names) - size :], replace(how, columns=names, time_column=time)
 
 

@@ -378,7 +378,9 @@ def _dates(values: NDArray[Any], name: str) -> Clock:
     with suppress(ValueError, TypeError, OverflowError):
         if is_duration.all():
             return _dated(pandas.to_timedelta(texts).to_numpy(), name)
-    raise InputError("not-a-time", name=name, value=values.tolist()[is_duration.argmin()])
+    others = values[~is_duration].tolist() or values.tolist()
+    value = next((one for one in others if number(str(one).replace(",", ".")) is None), others[0])  # 1.000,5 before 0,5
+    raise InputError("not-a-time", name=name, value=value)
 
 
 def _of_month(day: re.Match[str]) -> str:

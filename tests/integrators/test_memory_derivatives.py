@@ -130,12 +130,13 @@ def test_prescribed_spin(scheme, order):
     }
 
     def made(p):
-        return (
-            nt.wheel("z", 0.2, 3, viscous=0.1) + nt.wheel("x", 0.1, 3, spin_up, friction=drag) + nt.gravity_gradient(2)
-        )
+        along, across = (p[name] for name in own)
+        wheels = nt.wheel("z", along, 3, viscous=0.1) + nt.wheel("x", across, 3, spin_up, friction=drag)
+        return wheels + nt.gravity_gradient(2)
 
-    wrt, how = [*START, "principal_inertia"], {"order": order, "integrator": scheme, "h": 4e-4}
-    require_tangents(body | start, made, wrt, 10, 5e-9, **how)
+    own = {"load[0].inertia": 0.2, "load[1].inertia": 0.1}
+    wrt, how = [*START, "principal_inertia", *own], {"order": order, "integrator": scheme, "h": 4e-4}
+    require_tangents(body | start | own, made, wrt, 10, 5e-9, **how)
 
 
 @patch.dict(LOADS, lag=Lag)

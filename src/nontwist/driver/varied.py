@@ -29,6 +29,7 @@ from ..geometry.attitudes import ENTRIES, attitudes
 from ..geometry.rotations import hat
 from ..integrators.ivp import segmented
 from ..loads import Load
+from ..loads.load import of_body
 from ..loads.load_derivatives import with_parameter
 from ..models.spin import Spin
 from ..models.stack import stacked
@@ -182,10 +183,8 @@ class Varied:
                     raise ValueError(f"duration must be positive, got {value:g} s")
                 end = plan.t_start + float(value)
                 plan = plan._replace(t_end=end, grid=segmented((plan.t_start, end), (self._steps,)))
-        if terms != self.terms:
-            plan = plan._replace(load=Load(tuple(terms)))
-        if system is not self.system:
-            plan = plan._replace(systems=stacked(system))
+        load = of_body(Load(tuple(terms)), system.inertia)
+        plan = plan._replace(load=load, systems=stacked(system))
         return plan, self._begin(system, values)
 
 

@@ -288,7 +288,9 @@ class RememberingSteps:
 
     def _change_at_start(self, number: int, name: str, k: int) -> float:
         """Return the change of h at the start by a field of its wheel, or by a component of its axis."""
-        wheel, W = self.wheels[number], self.problem.velocity[0]
+        wheel, W, systems = self.wheels[number], self.problem.velocity[0], self.problem.systems
+        if systems.axis is not None:
+            W = W + systems.spin_at(self.problem.t_start)[0] * systems.axis[0]
         n = wheel.direction
         if name == "speed":
             return wheel.inertia * self.scales[number]

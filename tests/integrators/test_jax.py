@@ -113,6 +113,23 @@ def test_a_prescribed_spin():
     assert abs(slope - (8 * near - far) / 12e-3) < 1e-9 * abs(slope)
 
 
+@pytest.mark.parametrize("factor", [1.3, 0.0])
+def test_factor_beside_wheels(factor):
+    """It multiplies what depends on the state as well; fields have their own shapes, and a wheel has an inertia."""
+    forces, C = np.stack([J, J.T @ J / 5]), np.diag([1.0, 2, 0.5]) + 0.1
+    load = nt.wheel((1, 2, 2), 0.2, 9, 0.3) + nt.director_forces([0, 2], forces) + nt.potential((0, 0, 1), quadratic=C)
+    point = {"load_scale": np.array(factor), "load[0].inertia": np.array(0.2)}
+    point |= {"load[1].values": forces, "load[2].quadratic": C}
+    f = attitude_of(function(nt.standard(J), load=load, material_angular_velocity=W0, **GRID))
+    for name, value in point.items():
+        t = np.random.default_rng(3).normal(size=value.shape)
+        t = t + t.T if "quadratic" in name else t
+        near, far = (f(point | {name: value + e * t}) - f(point | {name: value - e * t}) for e in (1e-3, 2e-3))
+        slope = jax.jvp(lambda x, name=name: f(point | {name: x}), (value,), (t,))[1]
+        assert abs(slope - (8 * near - far) / 12e-3) < 1e-8 * (1 + abs(slope)), name
+        assert abs(jnp.sum(jax.grad(f)(point)[name] * t) - slope) < 1e-12 * (1 + abs(slope)), name
+
+
 def attitude_of(run):
     return lambda p: measured(run(p))
 

@@ -20,7 +20,7 @@ from scipy.spatial.transform import Rotation
 import nontwist as nt
 from conftest import PAPER_J, shoelace
 from nontwist import plot
-from nontwist.comparison import second_quotient
+from nontwist.comparison import observed_order, second_quotient
 from nontwist.plot.journals import apart
 from nontwist.plot.looks import LEAST, contrast, cycle
 from nontwist.plot.timelines import MOST
@@ -248,6 +248,8 @@ def test_second_quotient_with_its_limit(runs):
         assert limit[0] == 2 ** order.get("order", 2)
         assert axes.get_ylim()[0] < np.min(curves) < np.max(curves) < axes.get_ylim()[1]
     assert legends(axes) == [["a", "b"]]
+    with says():  # whose limit is another
+        plot.second_quotient(observed_order(*runs))
 
 
 def test_path_hides_what_lies_behind(runs):

@@ -14,7 +14,7 @@ import nontwist as nt
 from conftest import BODIES, NONTWISTING, PAPER_J, STANDARD
 from covering.problems import FULL as TILTED
 from nontwist import plot
-from nontwist.comparison import comparing, reference, summary, table
+from nontwist.comparison import comparing, reference, second_quotient, summary, table
 from nontwist.comparison.comparison_table import times_to
 from nontwist.integrators import Continuous, EnergyMomentum, LieMidpoint
 from refusals import says
@@ -184,6 +184,25 @@ def test_wrong_input_is_refused(loaded):
             nt.compare(nt.standard(PAPER_J), **{"t_end": 1, "material_angular_velocity": [1, 2, 3], **options})
     with says():
         plot.work_precision(loaded, against="work")
+    with says():
+        summary(loaded, targets=[])
+
+
+def test_long_comparisons_are_announced(monkeypatch):
+    """One run of 20 steps and one of 10, each made and then timed."""
+    monkeypatch.setattr(comparing, "notice", lambda cost, what: f"{what}: {cost.parts:g} {cost.unit}")
+    with pytest.warns(UserWarning, match=r"^comparison: 60 steps$"):
+        compare(STANDARD, t_end=1, integrators=["gauss", "exact"], steps=[0.1, 0.05], angular_velocity=(0, 1, 0))
+
+
+def test_quotients_of_one_problem():
+    """Runs of other bodies, loads and integrators have no common error."""
+    runs = [nt.simulate(STANDARD, t_end=1, step=h, order=2, angular_velocity=(1, 2, 0)) for h in (0.1, 0.05, 0.025)]
+    assert second_quotient(*runs).values[-1] == pytest.approx(4, abs=0.1)
+    for changed in ({"system": NONTWISTING}, {"load": nt.damping(1)}, {"order": 4}):
+        how = {"system": STANDARD, "t_end": 1, "step": 0.025, "order": 2, "angular_velocity": (1, 2, 0), **changed}
+        with says():
+            second_quotient(*runs[:2], nt.simulate(**how))
 
 
 def test_saved_and_read(loaded, tmp_path):

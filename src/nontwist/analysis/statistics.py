@@ -226,8 +226,8 @@ def second_quotient(run_h: Dataset, run_h2: Dataset, run_h4: Dataset, *, variabl
     Raises
     ------
     ValueError
-        An argument is not a run, the steps are not in the ratio 4 : 2 : 1, a finer run lacks a time of the first, or a
-        variable is missing.
+        An argument is not a run, bodies, loads or integrators differ, the steps are not in the ratio 4 : 2 : 1, a finer
+        run lacks a time of the first, or a variable is missing.
 
     Examples
     --------
@@ -243,6 +243,9 @@ def second_quotient(run_h: Dataset, run_h2: Dataset, run_h4: Dataset, *, variabl
     runs = [as_dataset(run, RUN, ("time",), ("step",)) for run in (run_h, run_h2, run_h4)]
     if any(run.sizes["time"] < 2 for run in runs):
         raise ValueError("a run has fewer than two states: orders are measured at the times after its start")
+    for name in ("system", "load", "integrator"):
+        if len({str(run.attrs.get(name)) for run in runs}) > 1:
+            raise ValueError(f"the runs must be of one problem and differ in their steps alone; their {name} differs")
     steps = [as_number(run.attrs["step"], "the step of a run") for run in runs]
     if not np.allclose([steps[0] / 2, steps[0] / 4], steps[1:], rtol=1e-9):
         raise ValueError(f"the steps must be h, h/2, h/4; got {', '.join(f'{h:.12g}' for h in steps)} s")

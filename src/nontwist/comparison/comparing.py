@@ -33,7 +33,7 @@ import numpy as np
 from ..analysis.invariants import Invariant, drift, invariants, quantities, twist_defect
 from ..analysis.trajectory import Trajectory
 from ..driver.grid import count_steps, fits, inside, kinks, segments_of, with_spin_kinks
-from ..driver.notices import COARSE_STEP, progress_bar
+from ..driver.notices import COARSE_STEP, notice, progress_bar
 from ..driver.planning import resolve_integrator
 from ..driver.problem import OfComparison, Problem, posed, start_of, takes
 from ..geometry.arrays import Array, Dataset, as_array
@@ -131,7 +131,11 @@ def compare(
     at = np.interp(np.linspace(0, coarsest.steps, shared + 1), coarsest.numbers, coarsest.borders)
     meets_kinks = set(kinks(pace, t0, t1).tolist()) <= set(coarsest.borders)
     meets_kinks |= all(fits(inside(pace.breakpoints, t0, t1), N) for N in numbers.values())
-    for text in sorted(known | ({_few(shared)} if shared < FEW else set())):
+    stepping = sum(not scheme.any_times for scheme in schemes.values())
+    finest = max(found.values(), key=lambda grid: grid.steps)
+    each, runs = case.cost_on(finest), 2 * stepping * sum(numbers.values()) / finest.steps
+    long = notice(each._replace(seconds=runs * each.seconds, parts=round(runs * each.parts)), "comparison")
+    for text in sorted(known | {text for text in (_few(shared) if shared < FEW else None, long) if text}):
         warnings.warn(text, UserWarning, stacklevel=2)
     with warnings.catch_warnings(action="ignore"):
         exact = reference(case, at)

@@ -147,6 +147,8 @@ def summary(comparison: Dataset, targets: Sequence[float] = (1e-3, 1e-6, 1e-9)) 
     """
     comparison = checked(comparison)
     targets = as_positive(targets, "targets", (None,), "rad").tolist()
+    if not targets:
+        raise ValueError("targets is empty; leave it out for 1e-3, 1e-6 and 1e-9")
     to = [*(f"ms to\n{short(target)}" for target in targets), f"step\nfor\n{short(min(targets))}"]
     title = f"{comparison.attrs['title']}: integrators compared"
     table = empty_table(title, "integrator", ["order\nΛ", "order\nΠ", *to], comparison)

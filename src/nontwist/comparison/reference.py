@@ -30,6 +30,7 @@ from ..driver.starts import Starts
 from ..driver.tolerance import CHANGE, LARGER, moved
 from ..geometry.arrays import EPS, Array
 from ..integrators import Continuous, Exact, Gauss, Integrator, LieMidpoint
+from ..integrators.costs import Cost
 from ..integrators.ivp import Segments, segmented
 from ..loads import as_load
 from ..models.stack import stacked
@@ -54,6 +55,11 @@ class Case(NamedTuple):
             return Prepared(plan._replace(grid=grid, store=store), self.begin).run()
         problem = plan.problem(self.begin, grid, store, intervals=True)
         return trajectory(scheme, problem, completion.checked_march(scheme, problem))
+
+    def cost_on(self, grid: Segments) -> Cost:
+        """Return what a run of order 2 on a grid costs, its end stored."""
+        plan = plan_of(self.problem, self.begin, integrator=Gauss(order=2), t_end=grid.borders[-1], store="end")
+        return Prepared(plan._replace(grid=grid), self.begin).cost
 
     @property
     def moved(self) -> Case:

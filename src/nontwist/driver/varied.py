@@ -4,7 +4,7 @@ The numbers are those that `sensitivities` takes derivatives by, here as arrays 
 the package. Attitudes and symmetric matrices are not free, so what a change t of their entries means is agreed on:
 
     rotation Λ, (3, 3)    the nearest rotation: a turn by δ = vee(skew(Λᵀ t)) in the body
-    inertia J, (3, 3)     the symmetric part of t
+    inertia J, (3, 3)     the symmetric part of t, as for all symmetric matrices
     axis n, (3,)          the direction: t / |n|, of which the part across n counts
 
 These are the derivatives of f(nearest rotation), f((J + Jᵀ)/2), f(n/|n|), which extend f from the rotations, the
@@ -36,12 +36,12 @@ from ..models.system import DirectorSystem, euler_inertia
 from .derivatives import Solved, differentiable, linearised_by
 from .ensembles import NAME, Propagator
 from .grid import stored_steps
-from .parameters import Parameter, Parameters, principal_axes
+from .parameters import SYMMETRIC, Parameter, Parameters, principal_axes
 from .planning import Plan
 from .single_run import Prepared
 from .starts import Starts, starts
 
-MATRICES = ("rotation", "inertia", "dead_force", "damping")
+MATRICES = ("rotation", "inertia", "dead_force")
 OF_START = {NAME, "rotation", "load_scale"}  # what a propagator takes
 Values = Mapping[str, Array]
 
@@ -96,10 +96,10 @@ class Varied:
 
     def shape(self, one: Parameter) -> tuple[int, ...]:
         """Return the shape in which a parameter is given."""
-        if one.field in MATRICES:
+        if one.term is not None:
+            return np.shape(getattr(self.terms[one.term], one.field))
+        if one.name in MATRICES:
             return 3, 3
-        if one.term is not None and one.field == "values":
-            return np.shape(getattr(self.terms[one.term], "values"))  # noqa: B009 - of tables and rotors only
         return () if one.labels == ("",) else (len(one.labels),)
 
     def run(self, values: Values) -> tuple[Array, Array]:
@@ -160,10 +160,12 @@ class Varied:
         euler = partial(euler_inertia, physical=system.physical, axis=system.axis)
         for name, one in self.named(list(values)).items():
             value = as_array(values[name], name, self.shape(one))
+            if one.labels == SYMMETRIC:
+                value = (value + value.T) / 2
             if one.term is not None:
                 terms[one.term] = with_parameter(terms[one.term], one.field, value)
             elif one.field == "inertia":
-                system = replace(system, euler_inertia=euler((value + value.T) / 2))
+                system = replace(system, euler_inertia=euler(value))
             elif one.field == "principal_inertia":
                 Q = principal_axes(self.system.inertia)
                 system = replace(system, euler_inertia=euler((Q * value) @ Q.T))
@@ -189,18 +191,18 @@ class Varied:
 
 def _inwards(one: Parameter, value: Array, tangent: Array) -> Array:
     """Return what changes of a parameter as it is given are to `Parameters`, (d, count)."""
-    if one.field == "rotation":
+    if one.name == "rotation":
         return axial(np.einsum("ji,djk->dik", value, tangent)) / 2
-    if one.field == "inertia":
+    if one.labels == SYMMETRIC:
         return np.stack([(tangent[:, i, j] + tangent[:, j, i]) / 2 for i, j in ENTRIES], axis=1)
     return tangent.reshape(len(tangent), -1) / _length(one, value)
 
 
 def _outwards(one: Parameter, value: Array, slopes: Array, shape: tuple[int, ...]) -> Array:
     """Return the transpose of `_inwards`: derivatives by a parameter as it is given, (d, ...)."""
-    if one.field == "rotation":
+    if one.name == "rotation":
         return value @ hat(slopes) / 2
-    if one.field == "inertia":
+    if one.labels == SYMMETRIC:
         found = np.zeros((len(slopes), 3, 3))
         for k, (i, j) in enumerate(ENTRIES):
             found[:, i, j] += slopes[:, k] / 2

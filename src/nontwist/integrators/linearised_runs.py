@@ -31,7 +31,7 @@ from .compiled import Compiled
 from .gauss_derivatives import scratch_size
 from .integrator import Integrator, SimulationError, Status
 from .ivp import IVP
-from .load_samples import WIDTHS, as_gyrostat, as_marched, march_parts, orbit_of, sampled
+from .load_samples import WIDTHS, as_marched, as_scaled_gyrostat, march_parts, orbit_of, sampled
 
 
 class InputDerivatives(NamedTuple):
@@ -129,7 +129,7 @@ class Linearised:
         self, problem: IVP, integrator: Integrator, wanted: Iterable[str], changes: Sequence[Changes] = ()
     ) -> None:
         scheme = scheme_of(integrator, problem.load)
-        problem = as_gyrostat(problem) if problem.load.wheels else problem
+        problem = as_scaled_gyrostat(problem) if problem.load.wheels else problem
         self.problem = problem
         systems, self.load = as_marched(problem, scheme.is_director_scheme)
         self.axis = np.zeros(3) if systems.axis is None else systems.axis[0]

@@ -256,6 +256,7 @@ class Unloaded:
 
 
 COMMANDED = 4  # internal states of a wheel that takes a torque beside its own
+NO_FACTOR = 1e-150  # in the place of a factor of 0, which nothing can be divided by
 X, WEIGHTS = (leggauss(8)[0] + 1) / 2, leggauss(8)[1] / 2
 
 
@@ -323,6 +324,15 @@ def as_gyrostat(problem: IVP) -> IVP:
     load = Load(tuple(term_of(term) if isinstance(term, Wheel) else term for term in one.load.terms))
     internal = np.delete(one.internal, driven_columns(one.load), axis=1) if load.memories else None
     return replace(one, systems=stacked(carrier(one.system, one.load)), load=load, internal=internal)
+
+
+def as_scaled_gyrostat(problem: IVP) -> IVP:
+    """Return that whose load has its factor beside it, as that of the problem has; the momenta of wheels are whole."""
+    factor = problem.load_scale.item() or NO_FACTOR
+    one, wheels = as_gyrostat(problem), problem.load.terms
+    each = zip(one.load.terms, wheels, strict=True)
+    terms = tuple(replace(new, scale=1 / factor) if isinstance(old, Wheel) else old for new, old in each)
+    return replace(one, load=Load(terms), load_scale=np.array([factor]))
 
 
 def with_wheels(problem: IVP, states: States, times: Array) -> States:

@@ -392,7 +392,8 @@ def second_quotient(quotients: Quotients, ax: Axes | None = None, *, order: int 
     """
 
     def curves(quotient: Any, label: str) -> dict[str, Any]:
-        if hasattr(quotient, "data_vars") or quotient.dims != ("time",):
+        named = getattr(quotient, "name", None) in (None, "second_quotient")
+        if hasattr(quotient, "data_vars") or quotient.dims != ("time",) or not named:
             raise ValueError("pass the result of nontwist.comparison.second_quotient(run_h, run_h2, run_h4)")
         return {"Q": quotient}
 

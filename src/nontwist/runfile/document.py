@@ -286,11 +286,11 @@ def file_of_text(name: str, text: str, folder: Path) -> RunFile:
 
 def checked(name: str, data: dict[str, Any], folder: Folder) -> RunFile:
     """Return plain data as a run file; a RunFileError names all that is wrong."""
-    faults, further, cause, whole = Faults(), Faults(), None, None
+    faults, further, whole = Faults(), Faults(), None
     try:
         file = whole = RunFile.model_validate(data)
     except ValidationError as error:
-        cause, file = error, _standing(data, [one.path for one in found_in(error)])
+        file = _standing(data, [one.path for one in found_in(error)])
         faults += problems_of(error)
     file._folder = folder
     made, sweep = posed(file, further), file.sweep
@@ -316,7 +316,7 @@ def checked(name: str, data: dict[str, Any], folder: Folder) -> RunFile:
         more = Fault("the file", f"at least {MOST_PROBLEMS} problems", "none; the first are listed")
         faults[MOST_PROBLEMS - 1 :] = [more]
     if made is None or faults:
-        raise RunFileError(name, tuple(faults)) from cause
+        raise RunFileError(name, tuple(faults))
     vars(file).update(problem=made[0], prepared=ready)
     return file
 

@@ -194,6 +194,9 @@ def test_units_of_rounding(unit, is_one):
     for values, squares in ((motion.as_quat(), 3), (motion.as_matrix(), 24)):
         given = np.round(values / unit) * unit
         assert rounding(given) == pytest.approx(is_one * unit / math.sqrt(squares), rel=1e-6)
+        missing = given.copy()
+        missing[7] = np.inf
+        assert rounding(missing) == pytest.approx(rounding(given), rel=1e-6)  # without a warning of NumPy
         given[10] += 1.5e-3 * unit
         assert rounding(values) == rounding(given) == rounding(given[:11]) == 0
     still = noise_of_rounding(np.tile([0.0, 0, 1], (9, 1)), motion.as_quat()[:9], 0.1)

@@ -108,6 +108,7 @@ def noise_of_twist(d3: Array, sigma: float, order: int) -> Array:
     return np.asarray(np.sqrt(variance))
 
 
+@np.errstate(invalid="ignore")  # of rows that are not finite
 def rounding(values: Array) -> float:
     """Return the deviation of each component of d3 by rounding of quaternions or matrices, 0.0 where they are not."""
     if len(values) < LEAST:

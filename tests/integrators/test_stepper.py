@@ -256,6 +256,18 @@ def test_infinite_work():
     assert loop.state is now
 
 
+@pytest.mark.parametrize(("scheme", "order"), [("energy-momentum", 2), ("gauss", 4)])
+def test_reset_to_a_state(scheme, order):
+    """Of its kind: what follows is the same, whatever the scheme carries on beside attitude and velocity."""
+    loop = nt.stepper(BODIES["suslov"](), H, load=nt.damping(0.1), integrator=scheme, order=order)
+    loop.reset(project=True, **START)
+    root, once = states(loop, 5)[-1], states(loop, 7)[-1]
+    now = loop.reset(start=root)
+    assert (now.time, now.steps, now.load_work, now.reaction_moment) == (root.time, 0, 0, 0)
+    again = states(loop, 7)[-1]
+    assert (again.quaternion, again.material_angular_velocity) == (once.quaternion, once.material_angular_velocity)
+
+
 def test_copies():
     """A state that is set again, in the stepper, a copy of it, or another of its kind; these go their own ways."""
     how = {"integrator": "gauss", "order": 4}

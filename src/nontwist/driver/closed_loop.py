@@ -350,9 +350,18 @@ class Stepper:
         InputWarning
             `start` is of another inertia or other wheels, or has no velocities.
         """
-        W = material_angular_velocity
+        W, is_own = material_angular_velocity, isinstance(start, StepperState) and start._kind == self._kind
         begin = starts(
-            self.system, start, rotation, scalar_first, W, angular_velocity, 1.0, project, time, load=self.load
+            self.system,
+            start,
+            rotation,
+            scalar_first,
+            W,
+            angular_velocity,
+            1.0,
+            project or is_own,
+            time,
+            load=self.load,
         )
         t = as_number(time, "time") if time is not None else begin.time or 0.0
         h, resolution = self.step_size, float(np.spacing(abs(t)))
@@ -365,6 +374,8 @@ class Stepper:
         problem = IVP(systems, p, V, Load(), t, t + h, 1, ENDS, normal=N, memory=begin.memory)
         internal = internal_states(systems, self.load, begin, t)
         numbers = self._single.begin(replace(problem, internal=internal))
+        if is_own:  # of which everything is known that a step carries on
+            numbers = (*start._numbers[: NUMBERS.mu], 0.0, 0.0, *start._numbers[NUMBERS.march_state :])
         wheels = [] if internal is None else [internal[0, k:][: one.count] for one, k in wheel_columns(self.load)]
         self._state = self._made(numbers, t, 0, tuple((*own.tolist(), 0.0, 0.0)[:3] for own in wheels))
         return self._state

@@ -53,14 +53,15 @@ def sensitivities(
         axes held fixed, in ascending order, or in that of a diagonal J; "axis", the constrained one; "dead_force";
         "spin"; "duration", for which the last segment of the grid is lengthened with the same number of steps;
         "load_scale"; and the parameters of the terms of the load: "pulse" and "sine", their peaks; "frequency";
-        "phase"; "values" of tables and of momenta of rotors; "rotor", the axis of one; "damping", the entries of its
-        matrix; "linear" and "quadratic", the coefficients of a potential; "stiffness" and "rest_length" of a spring;
-        "mean_motion" and "eccentricity" of a gravity gradient; "speed", "torque" (of a table, a constant added to it
-        from its first time to its last), "viscous" and "wheel", the axis, of wheels, and ``"load[1].inertia"``; fields
-        of loads of your own. ``"load[1].values"`` selects those of the second term alone, ``"load[1].scale"`` its
-        factor. Axes are vectors of length 1, however long those given are. For a body with a constrained axis only the
-        admissible part of a change counts: the part of a velocity orthogonal to the axis, and the part of a change of
-        the axis orthogonal to the axis.
+        "phase"; "values" of tables (of forces along the directors those of their moment, but with "energy-momentum")
+        and of momenta of rotors; "rotor", the axis of one; "damping", the entries of its matrix; "linear" and
+        "quadratic", the coefficients of a potential; "stiffness" and "rest_length" of a spring; "mean_motion" and
+        "eccentricity" of a gravity gradient; "speed", "torque" (of a table, a constant added to it from its first time
+        to its last), "viscous" and "wheel", the axis, of wheels, and ``"load[1].inertia"``; fields of loads of your
+        own. ``"load[1].values"`` selects those of the second term alone, ``"load[1].scale"`` its factor. Axes are
+        vectors of length 1, however long those given are. For a body with a constrained axis only the admissible part
+        of a change counts: the part of a velocity orthogonal to the axis, and the part of a change of the axis
+        orthogonal to the axis.
         Under loads with memory, friction of wheels among them, only the start, the inertia and these fields of wheels
         count; beside springs and potentials that are functions with `gauss` alone. Where the torque of a wheel is a
         table, there are none by the duration, its factor and its axis; with wheels none by "axis" and "spin".

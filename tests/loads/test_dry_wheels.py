@@ -130,12 +130,23 @@ def test_statistics():
         assert found.kinetic_energy_mean != mean
 
 
-def test_twist_until_stop():
+@pytest.mark.parametrize("axis", [None, "z", "-z"])
+def test_twist_until_stop(axis):
+    load = nt.dry_friction(1.3, axis)
     start = {"material_angular_velocity": [(0, 0, 1), (0, 0, -0.5)], "reduce": ["total_twist", "averages"]}
-    found = nt.simulate_ensemble(nt.standard([3, 4, 5]), t_end=6, step=0.3, load=nt.dry_friction(1.3), **start)
+    found = nt.simulate_ensemble(nt.standard([3, 4, 5]), t_end=6, step=0.3, load=load, **start)
     expected = np.array([1, -0.25]) * 5 / (2 * 1.3)  # W3² / (2 limit / J3): it stops within a step
     assert found.total_twist.values == pytest.approx(expected, abs=1e-12)
     assert found.twist_rate_mean.values == pytest.approx(expected / 6, abs=1e-12)
+
+
+@pytest.mark.parametrize(("axis", "limit"), [("x", 0.3), ("z", 0.2), ((1, 2, 2), 1.5)])
+def test_twist_beside_sticking(axis, limit):
+    how = {"load": nt.dry_friction(limit, axis), "order": 8, "material_angular_velocity": (1, 0.5, 0.2)}
+    run = nt.simulate(nt.standard([3, 4, 5]), t_end=4, step=0.2, **how)
+    fine = nt.simulate(nt.standard([3, 4, 5]), times=np.linspace(0, 4, 4001), step=0.2, **how)
+    expected = np.trapezoid(fine.material_angular_velocity.values[:, 2], fine.time.values)
+    assert float(nt.twist(run).twist_angle[-1]) == pytest.approx(expected, abs=1e-7)
 
 
 def bump(t, speed):

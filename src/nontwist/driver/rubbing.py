@@ -86,7 +86,7 @@ class Rubbed(Contacts):
         Whether pieces have the states at all nodes.
     """
 
-    has_twist = False  # of pieces: while a body sticks, it would be that about the axis of a contact
+    has_twist = False  # of pieces: while a body sticks, theirs is that about the axis of a contact
 
     def __init__(self, scheme: Integrator, problem: IVP) -> None:
         super().__init__(scheme, problem)
@@ -285,7 +285,10 @@ class Rubbed(Contacts):
         if (means := piece.means) is None:
             return piece
         means = means._replace(dissipated_energy=self._dissipated(piece))
-        return piece._replace(means=means if len(self.axis) or self.has_twist else means._replace(twist=None))
+        if not (len(self.axis) or self.has_twist):
+            rest, turns = np.zeros(means.load_work.shape), means.velocity_integrals
+            means = means._replace(twist=rest if turns is None else turns[..., 2])
+        return piece._replace(means=means)
 
     def _held(self, piece: Piece) -> Piece:
         """Return a piece in which a body without constraint sticks as the one that it then is as its own.
@@ -333,8 +336,8 @@ class Rubbed(Contacts):
             return t, q, slope(t)[0] * d, np.array(inner) if inner else None
 
         means = self._balanced(piece, at, X, WEIGHTS)
-        taken, twist = -(turns * (d @ self.sliding(d)))[None], np.zeros((1, len(turns)))
-        return piece._replace(means=means._replace(dissipated_energy=taken, twist=twist if len(self.axis) else None))
+        taken, twist = -(turns * (d @ self.sliding(d)))[None], 0.0 if len(self.axis) else d[2]
+        return piece._replace(means=means._replace(dissipated_energy=taken, twist=twist * turns[None]))
 
     def _rested(self, piece: Piece) -> Piece:
         """Return a piece in which a body without load rests as that of this one: friction carries all but μ."""

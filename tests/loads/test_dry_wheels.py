@@ -130,6 +130,14 @@ def test_statistics():
         assert found.kinetic_energy_mean != mean
 
 
+def test_twist_until_stop():
+    start = {"material_angular_velocity": [(0, 0, 1), (0, 0, -0.5)], "reduce": ["total_twist", "averages"]}
+    found = nt.simulate_ensemble(nt.standard([3, 4, 5]), t_end=6, step=0.3, load=nt.dry_friction(1.3), **start)
+    expected = np.array([1, -0.25]) * 5 / (2 * 1.3)  # W3² / (2 limit / J3): it stops within a step
+    assert found.total_twist.values == pytest.approx(expected, abs=1e-12)
+    assert found.twist_rate_mean.values == pytest.approx(expected / 6, abs=1e-12)
+
+
 def bump(t, speed):
     return 0.0501 * np.exp(-(((t - 0.52) / 0.3) ** 2))
 

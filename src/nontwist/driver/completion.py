@@ -146,6 +146,8 @@ def _observed(scheme: Integrator, problem: IVP) -> Array:
     columns = np.column_stack([found[name][0] for name in OBSERVED])
     ends, inner = columns[:: 1 + len(X)], columns[:-1].reshape(len(h), 1 + len(X), -1)[:, 1:]
     integral = np.einsum("n,k,nkc->c", h, WEIGHTS, inner)
+    if means.twist is not None:  # to the end of a slip within a step as well
+        integral[COLUMN_NAMES == "twist_rate"] = means.twist.sum()
     result = np.array([ends[0], ends.min(axis=0), ends.max(axis=0), integral])
     result[:, -1] = np.nan, reaction.min(), reaction.max(), reaction @ h
     return result

@@ -244,10 +244,11 @@ def table():
 def accuracy_of(row):
     """How closely a result is to be found again: fits end where a sum of squares changes by 1e-8 of itself.
 
-    Their numbers are then off by up to 1e-4 of their errors, and by round-off differ from one BLAS to the next: those
-    of a rate by 4e-7 between kernels for Haswell and for Skylake.
+    One of them differs by 4e-7 between the kernels of OpenBLAS for Haswell and for Skylake.
     """
-    return 1e-6 if "fit" in row["call"].lower() else 1e-9
+    if row["name"] == "fit_inertia(rate)":
+        return 5e-7
+    return 1e-7 if "fit" in row["call"].lower() else 1e-9
 
 
 def is_run(row):

@@ -16,7 +16,7 @@ from ..geometry.values import as_list, guess, short_repr
 from ..integrators.compiled import Compiled
 from ..integrators.ivp import IVP
 from ..integrators.linearised_runs import Changes, InputDerivatives, StepNodes
-from ..integrators.load_samples import as_marched, orbit_of
+from ..integrators.load_samples import as_marched, orbit_of, with_spin
 from ..integrators.memory_tangents import NAMES
 from ..loads.load import is_called, tables_as_moments
 from ..loads.load_derivatives import LATER, Slopes, fixed_slopes, momentum_slopes, slopes_of_time, with_parameter
@@ -358,8 +358,8 @@ class Parameters:
 
     def _slopes_of_wheel(self, wheel: Wheel, field: str, times: Array, factor: float) -> Array:
         """Return the derivatives of h n of a wheel at (n,) times by a parameter, (n, 3, count)."""
-        n, own, t0, systems = wheel.direction, factor * wheel.scale, self.problem.t_start, self.problem.systems
-        W = self.problem.velocity[0] + (0.0 if self._axis is None else systems.spin_at(t0)[0] * self._axis)
+        n, own, t0 = wheel.direction, factor * wheel.scale, self.problem.t_start
+        W = with_spin(self.problem.systems, self.problem.velocity, t0)[0]
         speed, one = own * wheel.speed + n @ W, np.ones(len(times))
         if field == "wheel":
             across, h = np.eye(3) - np.outer(n, n), wheel.inertia * speed + own * wheel.impulse(times - t0)

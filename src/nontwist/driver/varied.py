@@ -183,8 +183,9 @@ class Varied:
                     raise ValueError(f"duration must be positive, got {value:g} s")
                 end = plan.t_start + float(value)
                 plan = plan._replace(t_end=end, grid=segmented((plan.t_start, end), (self._steps,)))
-        load = of_body(Load(tuple(terms)), system.inertia)
-        plan = plan._replace(load=load, systems=stacked(system))
+        if terms != self.terms or system is not self.system:
+            load = of_body(Load(tuple(terms)), system.inertia)
+            plan = plan._replace(load=load, systems=stacked(system))
         return plan, self._begin(system, values)
 
 

@@ -262,11 +262,15 @@ X, WEIGHTS = (leggauss(8)[0] + 1) / 2, leggauss(8)[1] / 2
 
 def first_internal_states(systems: SystemStack, load: Load, time: float, velocity: Array, scale: Array) -> Array:
     """Return the internal states at the start of runs that continue none, (m, k), given W, (m, 3)."""
-    found = np.tile(load.internal_state, (len(velocity), 1))
-    W = velocity if systems.axis is None else velocity + systems.spin_at(time)[:, None] * systems.axis
+    found, W = np.tile(load.internal_state, (len(velocity), 1)), with_spin(systems, velocity, time)
     for wheel, column in wheel_columns(load):
         found[:, column] = wheel.inertia * (scale * wheel.scale * wheel.speed + dot(W, wheel.direction))
     return found
+
+
+def with_spin(systems: SystemStack, velocity: Array, time: float) -> Array:
+    """Return W, (m, 3), with the prescribed spin about constrained axes, of the velocity across them."""
+    return velocity if systems.axis is None else velocity + systems.spin_at(time)[:, None] * systems.axis
 
 
 def wheel_columns(load: Load) -> Iterator[tuple[Wheel, int]]:
@@ -327,11 +331,10 @@ def as_gyrostat(problem: IVP) -> IVP:
 
 
 def as_scaled_gyrostat(problem: IVP) -> IVP:
-    """Return that whose load has its factor beside it, as that of the problem has; the momenta of wheels are whole."""
-    factor = problem.load_scale.item() or NO_FACTOR
-    one, wheels = as_gyrostat(problem), problem.load.terms
-    each = zip(one.load.terms, wheels, strict=True)
-    terms = tuple(replace(new, scale=1 / factor) if isinstance(old, Wheel) else old for new, old in each)
+    """Return the same with the factor beside the load, as in the problem, but for momenta of wheels, which have it."""
+    one, factor = as_gyrostat(problem), problem.load_scale.item() or NO_FACTOR
+    pairs = zip(one.load.terms, problem.load.terms, strict=True)
+    terms = tuple(replace(new, scale=1 / factor) if isinstance(old, Wheel) else old for new, old in pairs)
     return replace(one, load=Load(terms), load_scale=np.array([factor]))
 
 

@@ -46,7 +46,7 @@ from .gauss_coefficients import matrix, nodes, weights
 from .gauss_stages import pulled_back
 from .ivp import IVP
 from .linearised_runs import ranged, unsolved_step
-from .load_samples import as_marched, at_nodes, carrier, wheel_columns
+from .load_samples import as_marched, at_nodes, carrier, wheel_columns, with_spin
 
 AXES, NO_MATRIX = np.eye(3), Matrix(*([0.0] * 3,) * 3)
 MOST = 2**20  # numbers of the matrices that are made at a time
@@ -288,10 +288,8 @@ class RememberingSteps:
 
     def _change_at_start(self, number: int, name: str, k: int) -> float:
         """Return the change of h at the start by a field of its wheel, or by a component of its axis."""
-        wheel, W, systems = self.wheels[number], self.problem.velocity[0], self.problem.systems
-        if systems.axis is not None:
-            W = W + systems.spin_at(self.problem.t_start)[0] * systems.axis[0]
-        n = wheel.direction
+        wheel, problem = self.wheels[number], self.problem
+        n, W = wheel.direction, with_spin(problem.systems, problem.velocity, problem.t_start)[0]
         if name == "speed":
             return wheel.inertia * self.scales[number]
         if name == "inertia":
